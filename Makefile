@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 export PYO3_PYTHON := $(CURDIR)/$(VENV)/bin/python
 
-.PHONY: announce run test check fmt lint doc deny bench dist setup system clean
+.PHONY: announce run test check fmt lint genicam doc deny bench figures dist setup system clean
 
 run: announce setup
 	cargo run --release --locked -- demo
@@ -33,6 +33,11 @@ lint: setup
 	$(VENV)/bin/mypy
 	$(VENV)/bin/python tools/file_cycles crates/localize crates/vision crates/hw crates/sim crates/pipeline crates/app py
 
+# GenICam cameras with Aravis' fake camera; needs libaravis-dev and aravis-tools.
+genicam: setup
+	cargo clippy --release --locked -p hw --features aravis --all-targets -- -D warnings
+	MIRRORBALL_REQUIRE_TOOLS=1 cargo test --release --locked -p hw --features aravis --test genicam
+
 # API documentation of our own crates; a broken link is an error.
 doc: setup
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --locked --workspace --no-deps
@@ -44,6 +49,11 @@ deny:
 
 bench: setup
 	cargo bench --workspace
+
+# Every measurement of docs/figures.md, and the page: an hour and more.
+figures: setup
+	cargo build --release --locked -p app
+	tools/figures
 
 # Tarballs for the robot in dist/out, each started once in an empty folder.
 dist: setup

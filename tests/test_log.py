@@ -28,6 +28,7 @@ TOPICS = {
     "/imu": "mirrorball.Imu",
     "/compass": "mirrorball.Compass",
     "/pose": "foxglove.PoseInFrame",
+    "/map/correction": "mirrorball.MapCorrection",
     "/truth/pose": "foxglove.PoseInFrame",
     "/tf": "foxglove.FrameTransforms",
     "/field/lines": "foxglove.PointCloud",

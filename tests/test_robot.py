@@ -36,8 +36,8 @@ def wait_for(path: Path) -> None:
         time.sleep(0.02)
 
 
-def hardware(folder: Path, *more: object) -> subprocess.Popen[str]:
-    process = start("sim", SCENARIO, "--hardware", folder, "--duration", 120, "--json", *more)
+def hardware(folder: Path, *more: object, scenario: Path = SCENARIO) -> subprocess.Popen[str]:
+    process = start("sim", scenario, "--hardware", folder, "--duration", 120, "--json", *more)
     wait_for(folder / "hardware.toml")
     return process
 
@@ -199,43 +199,73 @@ def free_port() -> int:
         return port
 
 
-def test_remote_commands_drive_and_kick_and_silence_stops_the_wheels(tmp_path: Path) -> None:
+class Program:
+    """Another program that drives the robot: it reads the states and sends commands under a key."""
+
+    KEY = "known to both sides"
+
+    def __init__(self, folder: Path) -> None:
+        self.states = socket.socket(type=socket.SOCK_DGRAM)
+        self.states.bind(("127.0.0.1", 0))
+        self.states.settimeout(30)
+        self.out = socket.socket(type=socket.SOCK_DGRAM)
+        self.address = ("127.0.0.1", free_port())
+        self.session = time.time_ns()
+        self.network = folder / "network.toml"
+        self.network.write_text(
+            f'[[outputs]]\nto = "127.0.0.1:{self.states.getsockname()[1]}"\nformat = "json"\nrobot = 3\n\n'
+            f'[commands]\nbind = "127.0.0.1:{self.address[1]}"\nkey = "{self.KEY}"\n'
+        )
+
+    def state(self, **wanted: object) -> dict[str, Any]:
+        """The next state with these values."""
+        until = time.monotonic() + 60
+        while time.monotonic() < until:
+            state: dict[str, Any] = json.loads(self.states.recv(65535))
+            if state["pose"] is not None and all(state[key] == value for key, value in wanted.items()):
+                return state
+        raise AssertionError(f"no state with {wanted}")
+
+    def datagram(self, sequence: int, boot: int, *, key: str = KEY, **wish: object) -> bytes:
+        named = {"boot": boot, "robot": 3} if boot else {}
+        head = {"version": 1, "session": self.session, "sequence": sequence, "valid_ms": 100}
+        content = json.dumps(head | named | wish).encode()
+        return content + hmac.new(key.encode(), content, "sha256").digest()[:16]
+
+    def send(self, datagram: bytes) -> None:
+        self.out.sendto(datagram, self.address)
+
+    def close(self) -> None:
+        self.states.close()
+        self.out.close()
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Iterator[Program]:
+    program = Program(tmp_path)
+    yield program
+    program.close()
+
+
+FORWARD = {"x": 0.8, "y": 0.0, "theta": 0.0}
+
+
+def test_remote_commands_drive_and_kick_and_silence_stops_the_wheels(tmp_path: Path, program: Program) -> None:
     sim = hardware(tmp_path / "robot", "--truth", tmp_path / "truth.csv")
-    command_port, state_port, key = free_port(), free_port(), "known to both sides"
-    network = tmp_path / "network.toml"
-    network.write_text(
-        f'[[outputs]]\nto = "127.0.0.1:{state_port}"\nformat = "json"\n\n'
-        f'[commands]\nbind = "127.0.0.1:{command_port}"\nkey = "{key}"\n'
-    )
-    states = socket.socket(type=socket.SOCK_DGRAM)
-    states.bind(("127.0.0.1", state_port))
-    states.settimeout(30)
-    run = start("run", "--robot", tmp_path / "robot", "--network", network, "--json")
-    while "pose" not in (state := json.loads(states.recv(65535))) or state["pose"] is None:
-        pass
-    out = socket.socket(type=socket.SOCK_DGRAM)
-
-    def send(sequence: int, key: str, **wish: object) -> None:
-        command = {"version": 1, "session": 1, "sequence": sequence, "valid_ms": 100, **wish}
-        content = json.dumps(command).encode()
-        code = hmac.new(key.encode(), content, "sha256").digest()[:16]
-        out.sendto(content + code, ("127.0.0.1", command_port))
-
-    forward = {"x": 0.8, "y": 0.0, "theta": 0.0}
+    run = start("run", "--robot", tmp_path / "robot", "--network", program.network, "--json")
+    boot = program.state(command_fault="")["boot"]
     for sequence in range(50):
-        send(sequence, key, drive=forward, needs_pose=True)
+        program.send(program.datagram(sequence, boot, drive=FORWARD, needs_pose=True))
         time.sleep(0.03)
-    send(50, key, kick={"speed": 5.0})
+    program.send(program.datagram(50, boot, kick={"speed": 5.0}))
     silent = time.monotonic()
     time.sleep(0.5)
     # A replayed command or a command under another key must not drive.
     for sequence in range(51, 61):
-        send(10, key, drive=forward)
-        send(sequence, "known to nobody", drive=forward)
+        program.send(program.datagram(10, boot, drive=FORWARD))
+        program.send(program.datagram(sequence, boot, key="known to nobody", drive=FORWARD))
         time.sleep(0.03)
     time.sleep(0.5)
-    states.close()
-    out.close()
     run.send_signal(signal.SIGTERM)
     report = ended(run)
     sim.send_signal(signal.SIGTERM)
@@ -243,7 +273,8 @@ def test_remote_commands_drive_and_kick_and_silence_stops_the_wheels(tmp_path: P
     commands = report["commands"]
     assert commands["refused"] == {"old": 10, "unsealed": 10}
     # Without a fresh pose, as on a machine too busy for the simulation, a command that needs one is overruled.
-    assert commands["obeyed"] + commands["overruled"] == 51 and commands["obeyed"] > 40
+    assert commands["accepted"] + commands["overruled"] == 51 and commands["obeyed"] > 40
+    assert commands["obeyed"] <= commands["sent"] <= commands["accepted"]
     assert stats["driving"] > 40 and stats["kicks"] == 1 and stats["too_long"] == 0
     # The last command is valid for 100 ms; the rest is latency of the machine.
     assert stats["last_driving_s"] < silent + 0.25 and stats["stands_last"]
@@ -253,6 +284,78 @@ def test_remote_commands_drive_and_kick_and_silence_stops_the_wheels(tmp_path: P
     stands = [row[1:] for row in truth if row[0] > silent + 0.45]
     assert math.dist(drove[0], drove[-1]) > 0.5
     assert math.dist(stands[0], stands[-1]) < 0.02
+
+
+def test_commands_that_waited_while_the_process_was_stopped_neither_drive_nor_kick(tmp_path: Path, program: Program) -> None:
+    sim = hardware(tmp_path / "robot", "--truth", tmp_path / "truth.csv")
+    run = start("run", "--robot", tmp_path / "robot", "--network", program.network, "--json")
+    boot = program.state()["boot"]
+    run.send_signal(signal.SIGSTOP)
+    stopped = time.monotonic()
+    for sequence in range(20):
+        program.send(program.datagram(sequence, boot, drive=FORWARD))
+        program.send(program.datagram(100 + sequence, boot, kick={"speed": 5.0}, drive=FORWARD))
+    # Ten times as long as a command is valid.
+    time.sleep(1.0)
+    run.send_signal(signal.SIGCONT)
+    fault = program.state(command_fault="too late: expired before it was read, or based on an old state")
+    assert fault["boot"] == boot
+    run.send_signal(signal.SIGTERM)
+    report = ended(run)
+    sim.send_signal(signal.SIGTERM)
+    stats = ended(sim)["commands"]
+    assert report["commands"]["refused"] == {"late": 21, "old": 19} and report["commands"]["accepted"] == 0
+    assert stats["driving"] == 0 and stats["kicks"] == 0, stats
+    with (tmp_path / "truth.csv").open() as file:
+        truth = [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file) if float(row["stamp_s"]) > stopped]
+    assert math.dist(truth[0], truth[-1]) < 0.005
+
+
+def test_command_recorded_before_a_restart_or_without_the_boot_number_has_no_effect(tmp_path: Path, program: Program) -> None:
+    sim = hardware(tmp_path / "robot")
+    arguments = ("run", "--robot", tmp_path / "robot", "--network", program.network, "--json")
+    run = start(*arguments)
+    boot = program.state()["boot"]
+    captured = [program.datagram(sequence, boot, drive=FORWARD) for sequence in range(5)]
+    for datagram in captured:
+        program.send(datagram)
+        program.state(command_fault="")
+    run.send_signal(signal.SIGTERM)
+    assert ended(run)["commands"]["accepted"] == 5
+    run = start(*arguments)
+    while program.state()["boot"] == boot:
+        pass
+    for datagram in captured:
+        program.send(datagram)
+    again = program.state(command_fault="for another start of this robot: echo `boot` from its present state output")
+    assert again["boot"] != boot
+    # A client of an earlier version does not know the boot number.
+    program.send(program.datagram(90, 0, drive=FORWARD))
+    program.state(command_fault="without `boot` and `robot`: with a key, echo both from the robot's state output")
+    program.send(program.datagram(91, again["boot"], robot=4, drive=FORWARD))
+    program.state(command_fault="for another robot")
+    run.send_signal(signal.SIGTERM)
+    out, err = run.communicate(timeout=60)
+    commands = json.loads(out)["commands"]
+    assert commands["refused"] == {"boot": 5, "unbound": 1, "robot": 1} and commands["accepted"] == 0
+    assert err.count("echo both from the robot's state output") == 1, err
+    sim.send_signal(signal.SIGTERM)
+    assert ended(sim)["commands"]["too_long"] == 0
+
+
+def test_without_a_base_no_command_counts_as_obeyed(tmp_path: Path, program: Program) -> None:
+    sim = hardware(tmp_path / "robot")
+    (tmp_path / "robot" / "base").unlink()
+    run = start("run", "--robot", tmp_path / "robot", "--network", program.network, "--json")
+    boot = program.state()["boot"]
+    for sequence in range(10):
+        program.send(program.datagram(sequence, boot, drive=FORWARD))
+        program.state()
+    run.send_signal(signal.SIGTERM)
+    commands = ended(run)["commands"]
+    assert commands["accepted"] == 10 and commands["sent"] == 0 and commands["obeyed"] == 0
+    sim.send_signal(signal.SIGTERM)
+    ended(sim)
 
 
 @pytest.mark.parametrize("base", ["vesc-uart", "vesc-slcan"])

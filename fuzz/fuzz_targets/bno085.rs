@@ -1,4 +1,4 @@
-//! Fuzzes the decoder `bno085`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz 60 bno085`
+//! Fuzzes the decoder `bno085`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz_coverage 60 bno085`
 #![no_main]
 
 #[path = "../../crates/hw/tests/oracle/mod.rs"]

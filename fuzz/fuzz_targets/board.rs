@@ -1,4 +1,4 @@
-//! Fuzzes the decoder `board`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz 60 board`
+//! Fuzzes the decoder `board`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz_coverage 60 board`
 #![no_main]
 
 #[path = "../../crates/hw/tests/oracle/mod.rs"]

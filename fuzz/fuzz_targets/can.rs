@@ -1,4 +1,4 @@
-//! Fuzzes the decoders of CAN frames. Run: `tools/fuzz 60 can`
+//! Fuzzes the decoders of CAN frames. Run: `tools/fuzz_coverage 60 can`
 #![no_main]
 
 #[path = "../../crates/hw/tests/oracle/mod.rs"]

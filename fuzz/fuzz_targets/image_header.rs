@@ -1,4 +1,4 @@
-//! Fuzzes the header decoder of the camera socket. Run: `tools/fuzz 60 image_header`
+//! Fuzzes the header decoder of the camera socket. Run: `tools/fuzz_coverage 60 image_header`
 #![no_main]
 
 #[path = "../../crates/hw/tests/oracle/mod.rs"]

@@ -1,4 +1,4 @@
-//! Fuzzes the decoder `slcan`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz 60 slcan`
+//! Fuzzes the decoder `slcan`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz_coverage 60 slcan`
 #![no_main]
 
 #[path = "../../crates/hw/tests/oracle/mod.rs"]

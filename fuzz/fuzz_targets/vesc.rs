@@ -1,4 +1,4 @@
-//! Fuzzes the decoder `vesc`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz 60 vesc`
+//! Fuzzes the decoder `vesc`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz_coverage 60 vesc`
 #![no_main]
 
 #[path = "../../crates/hw/tests/oracle/mod.rs"]

@@ -1,4 +1,4 @@
-//! Fuzzes the decoder `wit`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz 60 wit`
+//! Fuzzes the decoder `wit`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz_coverage 60 wit`
 #![no_main]
 
 #[path = "../../crates/hw/tests/oracle/mod.rs"]

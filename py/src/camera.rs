@@ -66,7 +66,11 @@ impl Camera {
             _ => PyValueError::new_err(error.to_string()),
         })?;
         let missing = || PyValueError::new_err(format!("{}: has no [camera]", path.display()));
-        robot.camera.map(Camera).ok_or_else(missing)
+        robot
+            .camera
+            .and_then(|camera| camera.camera())
+            .map(Camera)
+            .ok_or_else(missing)
     }
 
     /// Columns.

@@ -9,6 +9,7 @@ use localize::world::TeamColour;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
+use sim::hall::HallConfig;
 use sim::image_sensor::FilmConfig;
 use sim::light::LightConfig;
 use sim::render::{Renderer, RendererConfig, Scene};
@@ -144,15 +145,18 @@ pub(crate) fn render<'py>(
             body: &body,
             field,
             light: &LightConfig::default(),
-            blur_px,
+            hall: &HallConfig {
+                cables: 0,
+                ..HallConfig::default()
+            },
+            film: &film,
             seed,
         })?;
         let scene = Scene {
             pose: Pose::new(pose[0], pose[1], pose[2]),
             robots: &others,
             ball: ball.map(|[x, y]| (At::new(x, y), ball_kind.diameter, ball_kind.colour)),
-            light_colour: [1.0; 3],
-            occlusions: &[],
+            ..Scene::default()
         };
         renderer.render(&scene, &film, &mut rgb);
         Ok(())

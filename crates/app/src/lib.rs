@@ -1,6 +1,6 @@
 //! The executable `mirrorball`: its command line, and what each command runs around the pipeline.
 //!
-//! The crate exports only the command line and what fuzz targets (`fuzz/network`) feed with datagrams.
+//! The crate exports only the command line and what fuzz targets feed with datagrams and with messages of a live stream.
 
 mod cli;
 
@@ -24,4 +24,5 @@ mod progress;
 mod python;
 
 pub use cli::run;
-pub use net::commands::{CommandConfig, CommandFilter, RemoteCommand};
+pub use net::commands::{CommandConfig, CommandFilter, RemoteCommand, RobotIdentity};
+pub use stream::{StreamEvent, StreamMessages, TextAnswer};

@@ -13,8 +13,8 @@ use pyo3::prelude::*;
 /// The Python that the executable was built with.
 const BUILD_PYTHON: &str = env!("MIRRORBALL_BUILD_PYTHON");
 
-/// The virtual environment that `make` creates in the source folder.
-const BUILD_VENV: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../.venv");
+/// The virtual environment that `make` creates in the source folder. Empty in tarballs.
+const BUILD_VENV: &str = env!("MIRRORBALL_BUILD_VENV");
 
 /// Starts Python once: the interpreter of `--python`, else of `$VIRTUAL_ENV`, else of the build.
 ///
@@ -115,7 +115,7 @@ fn interpreter(python: Option<&Path>) -> Result<PathBuf> {
         return ensure_matching_version(program);
     }
     let build_venv = Path::new(BUILD_VENV).join("bin/python3");
-    Ok(if build_venv.exists() {
+    Ok(if !BUILD_VENV.is_empty() && build_venv.exists() {
         build_venv
     } else {
         PathBuf::from(BUILD_PYTHON)

@@ -2,6 +2,7 @@
 
 use localize::Stamp;
 use localize::frames::wrap_angle;
+use localize::math;
 use localize::sample::{Compass, Imu};
 
 use crate::clock;
@@ -14,7 +15,7 @@ use crate::serial::SerialPort;
 use crate::wire::bno085::{self, Rvc};
 use crate::wire::wit::{self, DataType, Wit};
 use crate::wire::{DecoderStats, STANDARD_GRAVITY, StreamDecoder};
-use crate::worker::{POLL_PERIOD, StallDetector, Waker, Worker};
+use crate::worker::{POLL_PERIOD, PauseDetector, StallDetector, Waker, Worker, pause_reason};
 
 /// Time between messages of a BNO085, seconds (its data sheet: 100 Hz).
 const RVC_PERIOD: f32 = 0.01;
@@ -67,12 +68,21 @@ fn run(
 ) -> Result<(), HwError> {
     let mut stall_detector = StallDetector::new(&device.port, device.stall);
     let mut decoder = InertialDecoder::new(device);
+    let mut pause_detector = PauseDetector::new(clock::now());
     let mut buffer = [0; 1024];
     while !waker.stop_requested() {
-        if waker.wait(
+        let readable = waker.wait(
             Some(std::os::fd::AsFd::as_fd(serial)),
             clock::now() + POLL_PERIOD,
-        ) {
+        );
+        if let Some(pause) = pause_detector.check(clock::now()) {
+            serial.discard_input()?;
+            decoder.reset();
+            monitor.report_event(pause_reason(pause));
+            stall_detector.on_message(clock::now(), decoder.stats().garbage_bytes);
+            continue;
+        }
+        if readable {
             let arrival = clock::now();
             let bytes = serial.read(&mut buffer, arrival)?;
             let readings = decoder.decode(&buffer[..bytes], arrival);
@@ -180,6 +190,17 @@ impl InertialDecoder {
         readings
     }
 
+    /// Discards an incomplete message, after a gap in the input.
+    fn reset(&mut self) {
+        match &mut self.decoder {
+            SensorStream::Bno085(stream, before) => {
+                stream.reset();
+                *before = None;
+            }
+            SensorStream::Wit(stream, _) => stream.reset(),
+        }
+    }
+
     /// Counts of the decoder so far.
     pub fn stats(&self) -> DecoderStats {
         match &self.decoder {
@@ -280,8 +301,8 @@ fn rvc_reading(message: Rvc, before: Option<Rvc>) -> SensorReading {
     let yaw_rate = rate(yaw, before.yaw_cdeg);
     let pitch_rate = rate(pitch, before.pitch_cdeg);
     let roll_rate = rate(roll, before.roll_cdeg);
-    let (sin_pitch, cos_pitch) = radians(pitch).sin_cos();
-    let (sin_roll, cos_roll) = radians(roll).sin_cos();
+    let (sin_pitch, cos_pitch) = math::sin_cos(radians(pitch));
+    let (sin_roll, cos_roll) = math::sin_cos(radians(roll));
     let acceleration = message
         .acceleration_mg
         .map(|mg| f32::from(mg) * 1e-3 * STANDARD_GRAVITY);
@@ -332,9 +353,9 @@ fn wit_reading(message: Wit, acceleration: &mut [i16; 3]) -> SensorReading {
 
 /// Rz(yaw)·Ry(pitch)·Rx(roll), rows.
 fn rotation_from_rpy([roll, pitch, yaw]: [f32; 3]) -> [[f32; 3]; 3] {
-    let (sr, cr) = roll.sin_cos();
-    let (sp, cp) = pitch.sin_cos();
-    let (sy, cy) = yaw.sin_cos();
+    let (sr, cr) = math::sin_cos(roll);
+    let (sp, cp) = math::sin_cos(pitch);
+    let (sy, cy) = math::sin_cos(yaw);
     [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],

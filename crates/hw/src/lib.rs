@@ -17,6 +17,7 @@ pub mod inertial;
 mod monitor;
 pub mod realtime;
 mod serial;
+mod stamped_socket;
 pub mod wire;
 mod worker;
 
@@ -31,3 +32,4 @@ pub use event_queue::{DeviceEvent, DroppedInputs, EventQueue};
 pub use health::{HealthReport, HealthState};
 pub use inertial::InertialDriver;
 pub use serial::SerialPort;
+pub use stamped_socket::{ReceivedDatagram, StampedSocket, realtime_offset_ns};

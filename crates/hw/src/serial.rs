@@ -70,6 +70,12 @@ impl SerialPort {
         }
     }
 
+    /// Discards the bytes that have arrived.
+    pub fn discard_input(&self) -> Result<(), HwError> {
+        tcflush(&self.fd, QueueSelector::IFlush)
+            .map_err(|source| HwError::from_errno(&self.path, "flush", source))
+    }
+
     /// Writes all bytes by the deadline.
     pub fn write(&self, bytes: &[u8], deadline: Stamp) -> Result<(), HwError> {
         let mut rest = bytes;

@@ -135,6 +135,35 @@ impl Drop for Worker {
     }
 }
 
+/// A thread that did not run for longer was paused, seconds: a busy machine delays it by less.
+const PAUSE_MIN: f64 = 0.25;
+
+/// Detects that the thread was paused (SIGSTOP, a debugger, a suspended machine).
+///
+/// What waits in a device's buffers after a pause has an unknown age, because serial lines carry no receive stamps.
+#[derive(Debug)]
+pub(crate) struct PauseDetector {
+    last_run: Stamp,
+}
+
+impl PauseDetector {
+    /// Starts at `now`.
+    pub(crate) fn new(now: Stamp) -> Self {
+        PauseDetector { last_run: now }
+    }
+
+    /// To be called at least each [`POLL_PERIOD`]: seconds of the pause, if there was one since the last call.
+    pub(crate) fn check(&mut self, now: Stamp) -> Option<f64> {
+        let pause = now - std::mem::replace(&mut self.last_run, now);
+        (pause > PAUSE_MIN).then_some(pause)
+    }
+}
+
+/// What a device reports after a pause.
+pub(crate) fn pause_reason(pause: f64) -> String {
+    format!("this program was paused for {pause:.1} s: the input of that time is discarded")
+}
+
 /// Detects a device that sends no message for too long.
 #[derive(Debug)]
 pub(crate) struct StallDetector {

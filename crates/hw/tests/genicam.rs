@@ -36,6 +36,11 @@ impl Drop for FakeGenICamCamera {
 #[test]
 fn genicam_camera_streams_and_reconnects() {
     let Some(fake) = FakeGenICamCamera::start() else {
+        // Continuous integration installs the tool: a test that is left out there proves nothing.
+        assert!(
+            std::env::var_os("MIRRORBALL_REQUIRE_TOOLS").is_none(),
+            "arv-fake-gv-camera-0.8 (aravis-tools) is not installed"
+        );
         eprintln!("skipped: arv-fake-gv-camera-0.8 (aravis-tools) is not installed");
         return;
     };

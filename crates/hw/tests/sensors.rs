@@ -107,6 +107,8 @@ struct FakeCamera {
     listener: UnixListener,
     peer: Option<UnixStream>,
     sequence: u32,
+    /// 0: the camera does not report its settings.
+    exposure_us: u32,
 }
 
 impl FakeCamera {
@@ -120,6 +122,8 @@ impl FakeCamera {
             sequence: self.sequence,
             bytes: 96,
             stamp_ns: hw::now().0,
+            exposure_us: self.exposure_us,
+            gain_centi: 250,
         };
         [&header.encode()[..], &[level; 96]].concat()
     }
@@ -161,6 +165,7 @@ fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones()
         listener: UnixListener::bind(&path).expect("bound"),
         peer: None,
         sequence: 0,
+        exposure_us: 0,
     };
     let settings = sender.accept();
     assert_eq!((settings.exposure_us, settings.gain), (10_000, -1));
@@ -207,7 +212,7 @@ fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones()
         state(HealthState::Running)
     });
     camera.set_settings(camera::CameraSettings {
-        gain: Some(7),
+        gain: Some(7.0),
         ..camera::CameraSettings::default()
     });
     let mut bytes = [0; SETTINGS_BYTES];
@@ -241,6 +246,52 @@ fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones()
 }
 
 #[test]
+fn images_carry_the_setting_that_the_camera_reports_and_a_gain_has_fractions() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("camera");
+    let queue = EventQueue::new(64);
+    let camera = CameraDriver::start(&camera_device(&path), [8, 4], &queue).expect("started");
+    let mut sender = FakeCamera {
+        listener: UnixListener::bind(&path).expect("bound"),
+        peer: None,
+        sequence: 0,
+        exposure_us: 0,
+    };
+    sender.accept();
+    let mut settings = |sender: &mut FakeCamera| {
+        let mut bytes = [0; SETTINGS_BYTES];
+        let peer = sender.peer.as_mut().expect("a peer");
+        peer.read_exact(&mut bytes).expect("settings");
+        SettingsMessage::decode(&bytes).expect("settings")
+    };
+    let next_setting = |sender: &mut FakeCamera, level| {
+        let bytes = sender.encode_image(level);
+        sender.send(&bytes);
+        let image = wait_for_event(&queue, "an image", |event| match event {
+            DeviceEvent::Image(image) => Some(image),
+            _ => None,
+        });
+        image.setting
+    };
+    assert_eq!(next_setting(&mut sender, 1), None);
+    let wanted = localize::robot::CameraSetting {
+        exposure: 0.004,
+        gain: 2.5,
+    };
+    camera.set_exposure(wanted, 2);
+    let sent = settings(&mut sender);
+    assert_eq!(
+        (sent.exposure_us, sent.gain, sent.gain_centi),
+        (4000, 3, None)
+    );
+    // From the first image that reports its settings on, fractions are sent.
+    sender.exposure_us = 4000;
+    let reported = next_setting(&mut sender, 2).expect("a setting");
+    assert!((reported.exposure - 0.004).abs() < 1e-7 && reported.gain == 2.5);
+    assert_eq!(settings(&mut sender).gain_centi, Some(250));
+}
+
+#[test]
 fn event_queue_drops_the_oldest_samples_when_full() {
     let queue = EventQueue::new(2);
     let compass = |at| {
@@ -267,6 +318,8 @@ fn image_header_with_a_flipped_bit_is_rejected() {
         sequence: 9,
         bytes: 307_200,
         stamp_ns: -5,
+        exposure_us: 1234,
+        gain_centi: -300,
     };
     let bytes = header.encode();
     assert_eq!(ImageHeader::decode(&bytes), Some(header));

@@ -277,13 +277,14 @@ proptest! {
     fn corrupted_headers_and_can_frames_are_rejected(
         noise in vec(any::<u8>(), 0..60),
         numbers in any::<[u32; 6]>(), stamp_ns in any::<i64>(), at in 0..44usize, flip in any::<u8>(),
+        (exposure_us, gain_centi) in any::<(u32, i16)>(),
         id in any::<u32>(), command in prop_oneof![Just(1u32), Just(3), Just(9), Just(16), Just(27)], length in 0u8..10,
     ) {
         oracle::check_image_header(&noise);
         oracle::check_can(&noise);
         let [fourcc, width_px, height_px, stride, sequence, bytes] = numbers;
         let bytes = bytes % (2 * IMAGE_BYTES_MAX);
-        let header = ImageHeader { fourcc, width_px, height_px, stride, sequence, bytes, stamp_ns };
+        let header = ImageHeader { fourcc, width_px, height_px, stride, sequence, bytes, stamp_ns, exposure_us, gain_centi };
         let mut sent = header.encode();
         prop_assert_eq!(ImageHeader::decode(&sent), (bytes <= IMAGE_BYTES_MAX).then_some(header));
         sent[at] ^= flip;

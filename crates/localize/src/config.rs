@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::filter::FilterConfig;
 use crate::global_search::GlobalSearchConfig;
 use crate::global_search::branch_and_bound::BranchAndBoundConfig;
+use crate::map_correction::MapCorrectionConfig;
 use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceFieldConfig;
 use crate::sample::Compass;
@@ -40,6 +41,8 @@ pub struct LocalizeConfig {
     pub mode: ModeConfig,
     /// Compass.
     pub compass: CompassConfig,
+    /// Correction of the ground map while the robot drives.
+    pub map_correction: MapCorrectionConfig,
 }
 
 /// Method of pose tracking from image to image.

@@ -4,6 +4,7 @@ use nalgebra::Matrix3;
 
 use crate::frames::Pose;
 use crate::global_search::branch_and_bound::Hypothesis;
+use crate::map_correction::MapCorrectionEstimate;
 use crate::omni::Twist;
 use crate::stamp::Stamp;
 
@@ -37,8 +38,27 @@ pub enum Reason {
     NoMatch,
     /// Several poses explain the points, see `runners_up`.
     Ambiguous,
+    /// Another mounting of camera and mirror explains the points better: the map's correction begins anew.
+    CameraKnocked,
     /// The image is older than the filter and was not used.
     OutOfOrder,
+    /// The set-up (field, camera mount, units) contradicts the measurements, see `fit`.
+    DoubtfulSetup,
+}
+
+/// How well the set-up fits the measurements of the last seconds (docs/methods.md 16.3).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Fit {
+    /// Share of the line points on markings.
+    pub on_markings: f32,
+    /// Root mean square distance of these points from the markings, metres.
+    pub residual: f32,
+    /// Share of the markings in sight at which a line point was seen.
+    pub markings_seen: f32,
+    /// Agreement of the wheels with the poses: 1 if equal, 0 if unrelated, −1 if opposite. None before enough motion.
+    pub wheels: Option<f32>,
+    /// Mean cosine of the compass's deviation from the heading. None before enough readings.
+    pub compass: Option<f32>,
 }
 
 /// Localization result of one image.
@@ -75,6 +95,24 @@ pub struct Estimate {
     pub gyro_bias: f32,
     /// Estimated time from the image's exposure to its stamp, seconds.
     pub latency: f32,
+    /// How well the set-up fits.
+    pub fit: Fit,
+    /// What is known about the ground map's errors. None if the correction is switched off.
+    pub map_correction: Option<MapCorrectionEstimate>,
     /// Alternative poses that explain the points, with their probabilities. Excludes `pose`.
     pub runners_up: Vec<Hypothesis>,
+}
+
+impl Estimate {
+    /// Marks the pose as that of a doubtful set-up: it is not tracked, and `covariance` is added to its own.
+    pub fn doubt_setup(&mut self, covariance: &Matrix3<f32>) {
+        if self.pose.is_none() {
+            return;
+        }
+        self.covariance += covariance;
+        self.reason = Some(Reason::DoubtfulSetup);
+        if self.mode == Mode::Tracking {
+            self.mode = Mode::Global;
+        }
+    }
 }

@@ -42,8 +42,12 @@ pub mod global_search;
 
 pub mod filter;
 
+pub mod map_correction;
+
 pub mod estimate;
 pub mod localizer;
+
+pub mod setup_check;
 
 pub mod team;
 pub mod world;

@@ -21,6 +21,7 @@ impl LocalizeConfig {
                 config.global_search.hough.correlation_peaks_max = 30;
                 config.tracker = Tracker::None;
                 config.matching.tilt_std_deg = 0.0;
+                config.map_correction.enabled = false;
             }
             "minho2016" => {
                 // IV and V.B: scan map, local search around the last position, heading from histograms. One Kalman
@@ -31,8 +32,10 @@ impl LocalizeConfig {
                 config.tracker = Tracker::ScanMap;
                 config.mode.suspect_rule = SuspectRule::Thresholds;
                 config.matching.tilt_std_deg = 0.0;
+                config.map_correction.enabled = false;
                 config.filter.odometry_scale_std = 0.0;
-                config.filter.noise_adaptation_rate = 0.0;
+                config.filter.noise_learning_std = 0.0;
+                config.matching.spread_learning_std = 0.0;
             }
             "nubot2013" => {
                 // 4: Monte Carlo localization until its particles converge, then matching by RPROP on e(t) with one c for
@@ -42,9 +45,12 @@ impl LocalizeConfig {
                 config.matching.steps_max = 60;
                 config.matching.map_std = 0.08;
                 config.matching.tilt_std_deg = 0.0;
+                config.map_correction.enabled = false;
                 config.mode.suspect_rule = SuspectRule::Thresholds;
+                config.matching.spread_learning_std = 0.0;
+                config.filter.kind = FilterKind::Curvature;
                 config.filter.odometry_scale_std = 0.0;
-                config.filter.noise_adaptation_rate = 0.0;
+                config.filter.noise_learning_std = 0.0;
             }
             _ => return None,
         }

@@ -162,7 +162,7 @@ fn field_half_is_unknown_until_a_compass_reading() {
 }
 
 #[test]
-fn kidnapped_robot_is_located_within_24_frames() {
+fn kidnapped_robot_says_lost_and_is_located_within_24_frames() {
     let covered = SyntheticDriveConfig {
         occluded_share: 0.25,
         ..SyntheticDriveConfig::default()
@@ -193,7 +193,10 @@ fn kidnapped_robot_is_located_within_24_frames() {
                 found_after = found_after.or(Some(k));
             }
         }
-        assert!(found_after.is_some(), "lost {lost_after:?}");
+        assert!(
+            lost_after.is_some_and(|lost| found_after.is_some_and(|found| lost < found)),
+            "lost after {lost_after:?}, found after {found_after:?}"
+        );
     }
 }
 
@@ -502,4 +505,37 @@ fn tilt_estimation_reduces_position_error() {
         without_tilt += position_error(without.refine(&distances, &points, start, 0.2).pose, truth);
     }
     assert!(with_tilt < 0.6 * without_tilt, "{with_tilt} {without_tilt}");
+}
+
+#[test]
+fn wheels_doubt_a_turned_camera_but_not_a_hard_hall_or_kidnaps() {
+    let hard = SyntheticDriveConfig {
+        outlier_share: 0.5,
+        ..SyntheticDriveConfig::default()
+    };
+    for (turned, config) in [(true, SyntheticDriveConfig::default()), (false, hard)] {
+        let mut localizer = localizer();
+        let mut frames = drive(9, config);
+        let mut doubted = 0;
+        for k in 0..900 {
+            if !turned && k % 200 == 199 {
+                frames.kidnap();
+            }
+            let mut frame = frames.next().expect("an endless drive");
+            if turned {
+                for point in &mut frame.points {
+                    point.at = At::new(-point.at.y, point.at.x);
+                }
+            }
+            localizer.add_odometry(&frame.odometry);
+            let estimate = localizer.process_points(frame.stamp, &frame.points);
+            if estimate.reason == Some(Reason::DoubtfulSetup) {
+                doubted += 1;
+                assert_ne!(estimate.mode, Mode::Tracking);
+                assert!(estimate.covariance[(0, 0)] > 1.0);
+            }
+        }
+        assert_eq!(doubted > 200, turned, "{doubted} images doubted");
+        assert!(turned || doubted == 0, "{doubted} images doubted");
+    }
 }

@@ -1,10 +1,10 @@
 //! How is a CSV file of a recording read and written? By column name. Errors name file, line and reason.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use vision::output_file::OutputFile;
 
 /// A CSV file in memory: its rows with their line numbers.
 pub struct CsvTable {
@@ -115,32 +115,17 @@ impl<'a> CsvRow<'a> {
 /// A CSV file that gets its name only when it is complete.
 pub struct CsvWriter {
     path: PathBuf,
-    /// Hidden file, renamed at the end. None for a pipe or device, which is written directly.
-    partial: Option<PathBuf>,
-    out: BufWriter<File>,
+    out: OutputFile,
 }
 
 impl CsvWriter {
     /// Starts the file with its header line. Links are followed; pipes and devices are written directly.
     pub fn create(path: &Path, header: &str) -> Result<Self> {
-        let path = path
-            .canonicalize()
-            .unwrap_or_else(|_: std::io::Error| path.to_owned());
-        let name = path
-            .file_name()
-            .with_context(|| format!("{} names no file", path.display()))?;
-        let stream = path.exists() && !path.is_file();
-        let partial =
-            (!stream).then(|| path.with_file_name(format!(".{}.part", name.to_string_lossy())));
-        let file = match &partial {
-            Some(partial) => File::create(partial),
-            None => std::fs::OpenOptions::new().write(true).open(&path),
-        };
-        let file = file.with_context(|| format!("cannot write {}", path.display()))?;
+        let out =
+            OutputFile::create(path).with_context(|| format!("cannot write {}", path.display()))?;
         let mut writer = CsvWriter {
-            path,
-            partial,
-            out: BufWriter::new(file),
+            path: path.to_owned(),
+            out,
         };
         writer.write_row(format_args!("{header}"))?;
         Ok(writer)
@@ -152,24 +137,10 @@ impl CsvWriter {
     }
 
     /// Completes the file and gives it its name.
-    pub fn finish(mut self) -> Result<()> {
+    pub fn finish(self) -> Result<()> {
         self.out
-            .flush()
-            .with_context(|| format!("cannot write {}", self.path.display()))?;
-        match &self.partial {
-            Some(partial) => std::fs::rename(partial, &self.path)
-                .with_context(|| format!("cannot write {}", self.path.display())),
-            None => Ok(()),
-        }
-    }
-}
-
-impl Drop for CsvWriter {
-    fn drop(&mut self) {
-        // After `finish` there is no file to remove. If removal fails, only a hidden .part file remains.
-        if let Some(partial) = &self.partial {
-            let _ = std::fs::remove_file(partial);
-        }
+            .finish()
+            .with_context(|| format!("cannot write {}", self.path.display()))
     }
 }
 

@@ -1,7 +1,10 @@
 //! What is known after one image? Its inputs, what each stage found and refused, and how long the stages took.
 
+use std::sync::Arc;
+
 use localize::Stamp;
 use localize::estimate::Estimate;
+use localize::robot::CameraSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::{TeamReport, TeamView};
 use localize::world::WorldView;
@@ -52,6 +55,10 @@ pub struct Inputs {
     pub truth: Option<GroundTruth>,
     /// The image, if there is one.
     pub image: Option<SourceImage>,
+    /// Exposure and gain with which the image was taken, if the camera reports them.
+    pub setting: Option<CameraSetting>,
+    /// All settings (TOML), if they were changed during the run and hold from this cycle on.
+    pub settings: Option<Arc<str>>,
 }
 
 /// Durations of the stages: the only part of a cycle that differs from run to run.

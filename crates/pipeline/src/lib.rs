@@ -14,6 +14,7 @@ pub mod setup;
 pub mod recording;
 pub mod simulation;
 
+pub mod corrected_map;
 pub mod cycle;
 pub mod observations;
 pub mod pipeline;
@@ -23,6 +24,8 @@ pub mod log;
 
 pub mod datagram;
 pub mod multi_robot;
+
+pub mod setup_check;
 
 pub mod result_files;
 pub mod score;

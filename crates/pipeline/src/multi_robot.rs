@@ -198,7 +198,9 @@ impl MultiRobotSimulation {
                 *place = teammate;
             }
             let ball = truths[0].ball.filter(|_| index > 0);
-            player.sim.synchronise_others(&others, ball);
+            player
+                .sim
+                .synchronise_others(&others, &truths[0].people, ball);
         }
         for index in 0..self.players.len() {
             self.score_robot(index)?;
@@ -333,6 +335,7 @@ fn scenario_for_robot(scenario: &Scenario, index: usize) -> Scenario {
     own.seed = scenario.seed.wrapping_add(index as u64);
     if index > 0 {
         own.kidnaps.clear();
+        own.knocks.clear();
         own.pushes.clear();
         own.occlusions.clear();
         own.faults.clear();

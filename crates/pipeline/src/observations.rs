@@ -1,10 +1,26 @@
 //! How does the world model receive detections? As observations of the types that localize defines.
 
+use localize::map_correction::MapCorrection;
+use localize::sample::GoalObservation;
 use localize::world::{ObjectObservation, WorldObservation};
 use vision::process::Detections;
 
-/// Converts the detected ball and robots of an image to observations.
-pub fn object_observations(detections: &Detections) -> WorldObservation {
+/// Converts the detected ball and robots of an image to observations on the corrected ground map.
+pub fn object_observations(
+    detections: &Detections,
+    map: Option<&MapCorrection>,
+) -> WorldObservation {
+    let correct = |observation: ObjectObservation| match map {
+        None => observation,
+        Some(map) => {
+            let added = map.point_covariance(observation.at);
+            ObjectObservation {
+                at: map.correct_point(observation.at),
+                covariance: std::array::from_fn(|k| observation.covariance[k] + added[k]),
+                ..observation
+            }
+        }
+    };
     let ball = detections.ball.map(|ball| ObjectObservation {
         at: ball.at,
         covariance: ball.covariance,
@@ -20,7 +36,26 @@ pub fn object_observations(detections: &Detections) -> WorldObservation {
         team: robot.marker,
     });
     WorldObservation {
-        ball,
-        robots: robots.collect(),
+        ball: ball.map(correct),
+        robots: robots.map(correct).collect(),
     }
+}
+
+/// Moves goals to the corrected ground map.
+pub fn correct_goals(
+    goals: Vec<GoalObservation>,
+    map: Option<&MapCorrection>,
+) -> Vec<GoalObservation> {
+    let Some(map) = map else { return goals };
+    goals
+        .into_iter()
+        .map(|goal| {
+            let [xx, _, yy] = map.point_covariance(goal.at);
+            GoalObservation {
+                at: map.correct_point(goal.at),
+                std: (goal.std * goal.std + xx + yy).sqrt(),
+                ..goal
+            }
+        })
+        .collect()
 }

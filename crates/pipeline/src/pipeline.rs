@@ -1,23 +1,29 @@
 //! How does a sample become a pose? The stages in order, one cycle per image, live, simulated or replayed alike.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::field::GoalColour;
+use localize::map_correction::{MapBasis, MapCorrection};
 
 use localize::localizer::Localizer;
+use localize::robot::CameraSetting;
 use localize::sample::{GoalObservation, LinePoint};
 use localize::team::TeamModel;
 use localize::world::WorldModel;
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 use vision::exposure::{AutoExposure, ExposureStatus};
+use vision::image_check::ImageCheck;
 use vision::objects::goals::GoalKind;
+use vision::optics::map_basis;
 use vision::process::{Detections, Vision};
 
 use crate::config::PipelineConfig;
 use crate::cycle::{Cycle, Inputs, Timings};
+use crate::observations::{correct_goals, object_observations};
 use crate::paths;
 use crate::sample::{CameraImage, ImageContent, Sample, SourceImage};
 use crate::scan_map_cache::{self, CacheStatus};
@@ -46,6 +52,7 @@ use crate::setup::Setup;
 /// ```
 pub struct Pipeline {
     vision: Option<Vision>,
+    image_check: Option<ImageCheck>,
     exposure: Option<AutoExposure>,
     localizer: Localizer,
     world: WorldModel,
@@ -54,6 +61,8 @@ pub struct Pipeline {
     last_image: Option<Stamp>,
     last_pose: Option<StampedPose>,
     notice: Option<String>,
+    /// Covariance added to each pose, if the set-up is known to be wrong.
+    doubt: Option<Matrix3<f32>>,
 }
 
 /// The pose of the latest image, from which another pipeline can start.
@@ -97,21 +106,27 @@ impl Pipeline {
             localize.compass.calibration = Some(calibration);
         }
         let world = WorldModel::new(world, localize.matching.viewpoint_height);
+        let mut image_check = None;
         let mut exposure = None;
         let mut detector = None;
         if let Some((camera, map)) = &setup.camera {
             let line_width = setup.field.config.line_width;
             let mask = setup.mask.as_deref();
             let (control, config) = (setup.robot.exposure, &vision.exposure);
+            let check = vision.image_check.clone();
+            image_check = Some(ImageCheck::new(map, camera, check));
             exposure = Some(AutoExposure::new(map, camera, mask, control, config)?);
             detector = Some(Vision::with_mask(map, camera, mask, line_width, vision)?);
         }
         if let (Some(detector), Some(colours)) = (&mut detector, &setup.colours) {
             detector.set_colour_table(colours.clone());
         }
-        let (localizer, notice) = build_localizer(setup, localize);
+        let basis = map_basis(setup, &localize)?;
+        let (mut localizer, notice) = build_localizer(setup, localize);
+        localizer.set_map_basis(basis);
         Ok(Pipeline {
             vision: detector,
+            image_check,
             exposure,
             localizer,
             world,
@@ -120,12 +135,18 @@ impl Pipeline {
             last_image: None,
             last_pose: None,
             notice,
+            doubt: None,
         })
     }
 
     /// What a user should know about the construction: a scan map that was built, or could not be stored.
     pub fn notice(&self) -> Option<&str> {
         self.notice.as_deref()
+    }
+
+    /// Marks every pose as that of a doubtful set-up and adds this covariance to its own.
+    pub fn doubt_setup(&mut self, covariance: Matrix3<f32>) {
+        self.doubt = Some(covariance);
     }
 
     /// Number of distinct pixels that the scan lines read, and their share of the image (minho2016: 63,378, 27.5 %).
@@ -142,11 +163,28 @@ impl Pipeline {
             self.localizer
                 .set_pose(last.stamp, last.pose, &last.covariance);
         }
+        if let (Some(exposure), Some(before)) = (&mut self.exposure, &other.exposure) {
+            exposure.continue_from(before);
+        }
+    }
+
+    /// Goes on with a pipeline of other settings from the next cycle on; `settings`: all of them (TOML), for the log.
+    ///
+    /// Replay does the same at the same cycle, so its bits are equal.
+    pub fn replace_by(&mut self, mut next: Pipeline, settings: Arc<str>) {
+        next.warm_start_from(self);
+        next.inputs.settings = Some(settings);
+        *self = next;
     }
 
     /// Particles of the global search; empty if its method has none.
     pub fn particles(&self) -> &[Pose] {
         self.localizer.particles()
+    }
+
+    /// What was learned about the ground map. None if the correction is switched off.
+    pub fn map_correction(&self) -> Option<&MapCorrection> {
+        self.localizer.map_correction()
     }
 
     /// Takes a sample; an image ends a cycle.
@@ -158,6 +196,7 @@ impl Pipeline {
             Sample::Command(command) => self.inputs.commands.push(command),
             Sample::TeamReport(report) => self.inputs.reports.push(report),
             Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
+            Sample::Settings(settings) => self.inputs.settings = Some(settings),
             Sample::Image(image) => return Some(self.process_image(image)),
         }
         None
@@ -167,17 +206,22 @@ impl Pipeline {
         let stamp = image.stamp;
         let started = Instant::now();
         let mut inputs = std::mem::take(&mut self.inputs);
-        let features = self.extract_features(stamp, image.content);
+        let features = self.extract_features(stamp, image.content, image.setting);
         let see_ms = elapsed_ms(started);
         let started = Instant::now();
         inputs.image = features.image;
+        inputs.setting = image.setting;
         self.add_inputs(&inputs);
-        self.localizer.add_goals(stamp, &features.goals);
-        let estimate = self.localizer.process_points(stamp, &features.line_points);
+        let goals = correct_goals(features.goals, self.localizer.map_correction());
+        self.localizer.add_goals(stamp, &goals);
+        let mut estimate = self.localizer.process_points(stamp, &features.line_points);
+        if let Some(covariance) = &self.doubt {
+            estimate.doubt_setup(covariance);
+        }
         let observations = features
             .detections
             .as_ref()
-            .map(crate::observations::object_observations);
+            .map(|detections| object_observations(detections, self.localizer.map_correction()));
         let world = self.world.update(stamp, observations.as_ref(), &estimate);
         let team = self.team.update(stamp, &world, &estimate);
         // For the next image: this image's estimate is final already.
@@ -204,11 +248,16 @@ impl Pipeline {
         }
     }
 
-    fn extract_features(&mut self, stamp: Stamp, content: ImageContent) -> Features {
+    fn extract_features(
+        &mut self,
+        stamp: Stamp,
+        content: ImageContent,
+        setting: Option<CameraSetting>,
+    ) -> Features {
         match content {
             ImageContent::Pixels(image) => {
                 let control = self.exposure.as_mut();
-                let exposure = control.and_then(|control| control.process(&image.view()));
+                let exposure = control.and_then(|control| control.process(&image.view(), setting));
                 let light_jumped = exposure.is_some_and(|status| status.light_jumped);
                 let features = match self.run_vision(stamp, &image, light_jumped) {
                     Ok(detections) => Features::from_detections(detections),
@@ -241,7 +290,7 @@ impl Pipeline {
                 Sample::TeamReport(report) => self.team.receive(&report),
                 Sample::Imu(imu) => self.localizer.add_imu(&imu),
                 Sample::Command(command) => self.localizer.add_command(&command),
-                Sample::GroundTruth(_) | Sample::Image(_) => {}
+                Sample::GroundTruth(_) | Sample::Settings(_) | Sample::Image(_) => {}
             }
         }
     }
@@ -256,6 +305,10 @@ impl Pipeline {
         let Some(vision) = &mut self.vision else {
             return Err("an image, but robot.toml has no [camera]".to_owned());
         };
+        let check = self.image_check.as_mut();
+        if let Some(fault) = check.and_then(|check| check.check(stamp, &image.view())) {
+            return Err(fault.to_string());
+        }
         let last = self.last_image.replace(stamp);
         if light_jumped || last.is_some_and(|last| stamp - last > COLOUR_MODEL_MAX_GAP) {
             vision.reset_colour_model();
@@ -283,6 +336,19 @@ impl Features {
             ..Features::default()
         }
     }
+}
+
+/// The possible errors of the setup's ground map. None without a camera.
+fn map_basis(setup: &Setup, config: &LocalizeConfig) -> Result<Option<MapBasis>> {
+    let Some((camera, map)) = setup.camera.as_ref() else {
+        return Ok(None);
+    };
+    let (height, config) = (config.matching.viewpoint_height, &config.map_correction);
+    let basis = match &setup.traced_mirror {
+        Some(profile) => map_basis::basis_from_profile(camera, profile, height, config)?,
+        None => map_basis::basis_from_map(camera, map, height, config),
+    };
+    Ok(Some(basis))
 }
 
 /// A localizer on the setup's field, and a notice about its scan map, which comes from the cache folder if possible.

@@ -41,13 +41,24 @@ pub struct Recording {
     frames: usize,
 }
 
-struct RecordedSample {
-    stamp: Stamp,
-    data: RecordedData,
+/// A table of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Table {
+    /// frames.csv or points.csv.
+    Images,
+    /// odometry.csv.
+    Odometry,
+    /// compass.csv.
+    Compass,
+}
+
+pub(crate) struct RecordedSample {
+    pub(crate) stamp: Stamp,
+    pub(crate) data: RecordedData,
 }
 
 // Samples of equal stamps are yielded in this order: motion before images.
-enum RecordedData {
+pub(crate) enum RecordedData {
     Odometry(Odometry),
     Compass(Compass),
     Truth(GroundTruth),
@@ -161,6 +172,22 @@ impl Recording {
     pub fn frames(&self) -> usize {
         self.frames
     }
+
+    /// Leaves out all samples of a table.
+    pub(crate) fn leave_out(&mut self, table: Table) {
+        let events = std::mem::take(&mut self.events);
+        let kept = events.filter(|event| match event.data {
+            RecordedData::Odometry(_) => table != Table::Odometry,
+            RecordedData::Compass(_) => table != Table::Compass,
+            RecordedData::Truth(_) | RecordedData::Image(_) | RecordedData::Points(_) => true,
+        });
+        self.events = kept.collect::<Vec<_>>().into_iter();
+    }
+
+    /// The samples that are still to come, images as paths.
+    pub(crate) fn events(&self) -> &[RecordedSample] {
+        self.events.as_slice()
+    }
 }
 
 impl Iterator for Recording {
@@ -181,7 +208,11 @@ impl Iterator for Recording {
                 Err(error) => ImageContent::Unreadable(error.to_string()),
             },
         };
-        Some(Sample::Image(CameraImage { stamp, content }))
+        Some(Sample::Image(CameraImage {
+            stamp,
+            setting: None,
+            content,
+        }))
     }
 }
 
@@ -281,6 +312,7 @@ fn read_truth(folder: &Path) -> Result<Vec<GroundTruth>> {
             ball: None,
             robots: Vec::new(),
             robot_headings: Vec::new(),
+            people: Vec::new(),
         });
     }
     truth.sort_by_key(|truth| truth.stamp);

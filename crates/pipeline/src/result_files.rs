@@ -8,6 +8,7 @@ use vision::objects::robots::ObstacleKind;
 
 use crate::csv_table::{CsvWriter, format_seconds};
 use crate::cycle::Cycle;
+use crate::log::reason_text;
 
 /// The requested tables of a run: poses, line points, detections.
 pub struct CsvOutputs {
@@ -26,8 +27,8 @@ impl CsvOutputs {
         let start = |path: Option<&Path>, header| {
             path.map(|path| CsvWriter::create(path, header)).transpose()
         };
-        let poses_header =
-            "stamp_s,x_m,y_m,theta_rad,std_x_m,std_y_m,std_theta_rad,mode,line_points";
+        let poses_header = "stamp_s,x_m,y_m,theta_rad,std_x_m,std_y_m,std_theta_rad,mode,line_points,reason,\
+                            on_markings,residual_m,markings_seen,wheels_agree,compass_agrees";
         Ok(CsvOutputs {
             poses: start(poses, poses_header)?,
             points: start(points, "stamp_s,x_m,y_m")?,
@@ -86,14 +87,30 @@ impl CsvOutputs {
 /// One row per image. Coordinates are empty while the robot is lost.
 fn write_pose(file: &mut CsvWriter, stamp: &str, estimate: &Estimate) -> Result<()> {
     let (mode, points) = (mode_name(estimate.mode), estimate.line_points);
+    let fit = fit_columns(estimate);
     let Some(pose) = estimate.pose else {
-        return file.write_row(format_args!("{stamp},,,,,,,{mode},{points}"));
+        return file.write_row(format_args!("{stamp},,,,,,,{mode},{points},{fit}"));
     };
     let [std_x, std_y, std_theta] = [0, 1, 2].map(|i| estimate.covariance[(i, i)].max(0.0).sqrt());
     file.write_row(format_args!(
-        "{stamp},{:.5},{:.5},{:.6},{std_x:.5},{std_y:.5},{std_theta:.6},{mode},{points}",
+        "{stamp},{:.5},{:.5},{:.6},{std_x:.5},{std_y:.5},{std_theta:.6},{mode},{points},{fit}",
         pose.x, pose.y, pose.theta
     ))
+}
+
+/// Reason of the mode, this image's points on markings and their residual, and the fit of the last seconds.
+fn fit_columns(estimate: &Estimate) -> String {
+    let reason = reason_text(estimate);
+    let optional =
+        |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.3}"));
+    format!(
+        "{reason},{:.3},{:.4},{:.3},{},{}",
+        estimate.inlier_share,
+        estimate.residual,
+        estimate.fit.markings_seen,
+        optional(estimate.fit.wheels),
+        optional(estimate.fit.compass)
+    )
 }
 
 /// Name of a mode in poses.csv.

@@ -13,6 +13,7 @@ use sim::scenario::Scenario;
 use vision::config::ObjectConfig;
 
 use crate::config::PipelineConfig;
+use crate::corrected_map;
 use crate::cycle::Cycle;
 use crate::log::{LogConfig, Recorder, start_log};
 use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
@@ -23,6 +24,7 @@ use crate::score::detections::{DetectionStatistics, DetectionSummary, GroundTrut
 use crate::score::object_labels::{LabelSummary, ObjectLabels};
 use crate::score::summary::{RunStatistics, Summary};
 use crate::setup::Setup;
+use crate::setup_check::{self, Effort, FitFigures, KeyframeCollector, SetupReport};
 use crate::simulation::{Simulation, load_scenario_with_overrides};
 
 /// Which scenario to run, and how.
@@ -65,6 +67,11 @@ pub struct RunSummary {
     pub simulated_s: f64,
     /// Simulated seconds per second of computing.
     pub times_real_time: f64,
+    /// Sentences about a doubtful set-up; empty when all is well.
+    pub warnings: Vec<String>,
+    /// How well the set-up fits. None for several robots.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub setup: Option<FitFigures>,
     /// Scores.
     #[serde(flatten)]
     pub scores: RunScores,
@@ -114,22 +121,39 @@ impl ScenarioRun {
         on_progress: impl FnMut(Progress<'_>) -> Result<ControlFlow<()>>,
     ) -> Result<RunSummary> {
         let (seed, simulated_s) = (self.scenario.seed, self.duration);
-        let started;
-        let scores;
-        if self.is_multi_robot() {
-            let simulation = self.multi_robot_simulation()?;
-            started = Instant::now();
-            scores = run_robots(simulation, on_progress)?;
-        } else {
-            let single = SingleRobotRun::new(self)?;
-            started = Instant::now();
-            scores = single.run(on_progress)?;
-        }
-        Ok(RunSummary {
+        let summary = |started: Instant, scores| RunSummary {
             seed,
             simulated_s,
             times_real_time: simulated_s / started.elapsed().as_secs_f64(),
+            warnings: Vec::new(),
+            setup: None,
             scores,
+        };
+        if self.is_multi_robot() {
+            let simulation = self.multi_robot_simulation()?;
+            let started = Instant::now();
+            return Ok(summary(started, run_robots(simulation, on_progress)?));
+        }
+        let single = SingleRobotRun::new(self)?;
+        let started = Instant::now();
+        let SingleRobotOutcome {
+            scores,
+            setup,
+            config,
+            keyframes,
+        } = single.run(on_progress)?;
+        let summary = summary(started, scores);
+        let report = setup_check::check(
+            &setup,
+            &config,
+            &keyframes.keyframes(),
+            Vec::new(),
+            Effort::Brief,
+        );
+        Ok(RunSummary {
+            warnings: report.warnings,
+            setup: report.figures,
+            ..summary
         })
     }
 
@@ -147,8 +171,18 @@ impl ScenarioRun {
 
 struct SingleRobotRun {
     simulation: Simulation,
+    setup: Setup,
+    config: PipelineConfig,
     pipeline: Pipeline,
     recorder: Option<Recorder>,
+}
+
+/// Scores, and what the check of the set-up needs.
+struct SingleRobotOutcome {
+    scores: RunScores,
+    setup: Setup,
+    config: PipelineConfig,
+    keyframes: KeyframeCollector,
 }
 
 impl SingleRobotRun {
@@ -170,6 +204,8 @@ impl SingleRobotRun {
         let recorder = options.record.as_ref().map(start).transpose()?;
         Ok(SingleRobotRun {
             simulation,
+            setup,
+            config: options.config,
             pipeline,
             recorder,
         })
@@ -178,16 +214,20 @@ impl SingleRobotRun {
     fn run(
         self,
         mut on_progress: impl FnMut(Progress<'_>) -> Result<ControlFlow<()>>,
-    ) -> Result<RunScores> {
+    ) -> Result<SingleRobotOutcome> {
         let SingleRobotRun {
             simulation,
+            setup,
+            config,
             mut pipeline,
             mut recorder,
         } = self;
         let mut statistics = RunStatistics::default();
+        let mut keyframes = KeyframeCollector::default();
         simulation.run(&mut pipeline, |cycle| {
             let cycle = Arc::new(cycle);
             statistics.add_cycle(&cycle, score::cycle_error(&cycle));
+            keyframes.add_cycle(&cycle);
             let flow = on_progress(Progress {
                 seconds: cycle.stamp.seconds(),
                 cycle: Some(&cycle),
@@ -198,7 +238,12 @@ impl SingleRobotRun {
             Ok(flow)
         })?;
         recorder.map(Recorder::finish).transpose()?;
-        Ok(RunScores::SingleRobot(statistics.summary()))
+        Ok(SingleRobotOutcome {
+            scores: RunScores::SingleRobot(statistics.summary()),
+            setup,
+            config,
+            keyframes,
+        })
     }
 }
 
@@ -262,6 +307,8 @@ pub struct RecordingOptions {
     pub folder: PathBuf,
     /// A calibrated map in place of the robot's own.
     pub map: Option<PathBuf>,
+    /// File for the ground map with what was learned about its errors.
+    pub save_map: Option<PathBuf>,
     /// Settings of the pipeline.
     pub config: PipelineConfig,
     /// Standard deviation of line points that come without one, metres.
@@ -274,6 +321,10 @@ pub struct RecordingSummary {
     /// Scores of the poses.
     #[serde(flatten)]
     pub summary: Summary,
+    /// Sentences about a doubtful set-up; empty when all is well.
+    pub warnings: Vec<String>,
+    /// How well the set-up fits. None for too few frames.
+    pub setup: Option<FitFigures>,
     /// Distinct pixels that the scan lines read.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scan_pixels: Option<usize>,
@@ -293,22 +344,41 @@ pub struct RecordingRun {
     setup: Setup,
     recording: Recording,
     pipeline: Pipeline,
+    report: SetupReport,
+    save_map: Option<PathBuf>,
     labels: Option<ObjectLabels>,
 }
 
 impl RecordingRun {
-    /// Reads the folder's robot file and tables.
+    /// Reads the folder's robot file and tables, and checks whether the set-up explains the measurements.
+    ///
+    /// Tables in a wrong unit are left out. Poses of a set-up that another one beats are marked and made uncertain.
     pub fn open(options: &RecordingOptions) -> Result<Self> {
         let robot_file = options.folder.join("robot.toml");
         let setup = Setup::load(&robot_file, options.map.as_deref())?;
-        let recording = Recording::open(&options.folder, options.external_point_std)?;
-        let pipeline = Pipeline::new(&setup, &options.config)?;
+        let mut recording = Recording::open(&options.folder, options.external_point_std)?;
+        let mut pipeline = Pipeline::new(&setup, &options.config)?;
+        let report =
+            setup_check::check_recording(&recording, &setup, &options.config, Effort::Brief)?;
+        for table in &report.unusable {
+            recording.leave_out(*table);
+        }
+        if let Some(covariance) = report.doubt {
+            pipeline.doubt_setup(covariance);
+        }
         Ok(RecordingRun {
             setup,
             recording,
             pipeline,
+            report,
+            save_map: options.save_map.clone(),
             labels: ObjectLabels::read(&options.folder)?,
         })
+    }
+
+    /// What the check of the set-up found.
+    pub fn setup_report(&self) -> &SetupReport {
+        &self.report
     }
 
     /// Frames in the folder.
@@ -322,6 +392,8 @@ impl RecordingRun {
             setup,
             recording,
             mut pipeline,
+            report,
+            save_map,
             labels,
         } = self;
         let mut labelled_objects = labels.is_some().then(LabelSummary::default);
@@ -353,9 +425,13 @@ impl RecordingRun {
                     map,
                     occluded_sectors: &[],
                     objects: objects.get(&cycle.stamp).map(Vec::as_slice),
+                    people: &[],
                 };
                 detections.add_image(found, &scene);
             }
+        }
+        if let Some(path) = save_map {
+            corrected_map::save(&setup, &pipeline, &path)?;
         }
         let summary = statistics.summary();
         let coverage = pipeline.scan_coverage();
@@ -363,6 +439,8 @@ impl RecordingRun {
             scan_pixels: coverage.map(|(pixels, _)| pixels),
             scan_share: coverage.map(|(_, share)| share),
             detections: detections.summary(),
+            warnings: report.warnings,
+            setup: report.figures,
             labelled_objects,
             summary,
         })

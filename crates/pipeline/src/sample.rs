@@ -7,6 +7,7 @@ use std::sync::Arc;
 use localize::Pose;
 use localize::Stamp;
 use localize::frames::{At, FieldFrame};
+use localize::robot::CameraSetting;
 use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::TeamReport;
 use vision::image::{Image, ImageView as Pixels, PixelFormat};
@@ -25,6 +26,8 @@ pub struct GroundTruth {
     pub robots: Vec<At<FieldFrame>>,
     /// Headings of `robots` on the field, radians, in the same order. Empty if unknown, as in a log.
     pub robot_headings: Vec<f32>,
+    /// People, if the source knows them. Empty in a log.
+    pub people: Vec<At<FieldFrame>>,
 }
 
 /// One stamped input of the pipeline.
@@ -42,6 +45,8 @@ pub enum Sample {
     TeamReport(TeamReport),
     /// Ground truth, for scoring. No stage reads it.
     GroundTruth(GroundTruth),
+    /// Settings (TOML) that were changed during the run and hold from the next cycle on. Who owns the pipeline replaces it.
+    Settings(Arc<str>),
     /// An image. It completes a cycle.
     Image(CameraImage),
 }
@@ -51,6 +56,8 @@ pub enum Sample {
 pub struct CameraImage {
     /// Time of exposure.
     pub stamp: Stamp,
+    /// Exposure and gain with which the image was taken, if the camera reports them.
+    pub setting: Option<CameraSetting>,
     /// Pixels, or features that replace them.
     pub content: ImageContent,
 }

@@ -6,6 +6,7 @@ use localize::config::LocalizeConfig;
 use localize::field::Field;
 use localize::global_search::scan_map::{ScanMap, ScanMapConfig};
 use localize::localizer::Localizer;
+use vision::output_file::write_file;
 
 /// Where a localizer's scan map came from.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -68,9 +69,7 @@ fn write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder)?;
     }
-    let unfinished = path.with_extension(format!("{}.part", std::process::id()));
-    std::fs::write(&unfinished, bytes)?;
-    std::fs::rename(&unfinished, path)
+    write_file(path, bytes)
 }
 
 #[cfg(test)]

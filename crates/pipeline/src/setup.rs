@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use localize::Field;
-use localize::robot::CameraConfig;
-use localize::robot::RobotConfig;
+use localize::robot::{CameraConfig, CameraSection, RobotConfig};
 use vision::calibrate::mask::load_mask;
 use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
 use vision::{GroundMap, Mount, Profile, optics};
 
 /// A robot and its field, loaded and validated.
+#[derive(Clone)]
 pub struct Setup {
     /// Contents of the robot file.
     pub robot: RobotConfig,
@@ -25,6 +25,8 @@ pub struct Setup {
     pub mask: Option<Vec<bool>>,
     /// Height of the mirror above the ground, metres, if its profile is known.
     pub viewpoint_height: Option<f32>,
+    /// The mirror whose ideal mount gave the ground map. None for a calibrated map.
+    pub traced_mirror: Option<Profile>,
 }
 
 impl Setup {
@@ -45,14 +47,16 @@ impl Setup {
         map: Option<&Path>,
     ) -> Result<Self> {
         let camera = match &robot.camera {
-            Some(camera) => Some((
-                camera.clone(),
-                Arc::new(load_ground_map(robot_file, &robot, camera, map)?),
-            )),
+            Some(section) => {
+                let map = load_ground_map(robot_file, &robot, section, map)?;
+                let camera = section.camera().or_else(|| axis_from_map(section, &map));
+                let camera = camera.with_context(|| no_axis(robot_file))?;
+                Some((camera, Arc::new(map)))
+            }
             None => None,
         };
-        let viewpoint_height = match &robot.mirror {
-            Some(mirror) => Some(profile_viewpoint_height(&Profile::load(&mirror.profile)?)),
+        let profile = match &robot.mirror {
+            Some(mirror) => Some(Profile::load(&mirror.profile)?),
             None => None,
         };
         let mask = match (&robot.mask, &robot.camera) {
@@ -64,10 +68,54 @@ impl Setup {
             colours: load_colours(robot_file, &robot)?,
             robot,
             field,
+            viewpoint_height: profile.as_ref().map(profile_viewpoint_height),
+            traced_mirror: profile.filter(|profile| is_traced(camera.as_ref(), profile)),
             camera,
-            viewpoint_height,
         })
     }
+}
+
+impl Setup {
+    /// True if the ground map was calibrated, so that centre, forward direction and flip of the camera do not matter.
+    pub fn is_calibrated(&self) -> bool {
+        self.robot.map.is_some() || self.robot.mirror.is_none()
+    }
+}
+
+/// Is the ground map that of the mirror as designed? Logs store such a map beside the profile.
+fn is_traced(camera: Option<&(CameraConfig, Arc<GroundMap>)>, profile: &Profile) -> bool {
+    let Some((camera, map)) = camera else {
+        return false;
+    };
+    let bits = |values: &[f32]| {
+        values
+            .iter()
+            .map(|value| value.to_bits())
+            .collect::<Vec<_>>()
+    };
+    optics::trace_rays(camera, profile, &Mount::default()).is_ok_and(|rays| {
+        let traced = rays.ground_map();
+        bits(&traced.x) == bits(&map.x) && bits(&traced.y) == bits(&map.y)
+    })
+}
+
+/// The camera with the axis of a calibrated map. None if the map shows too little ground.
+///
+/// The map's outermost pixel is no rim: a map may end at its last calibrated ground.
+fn axis_from_map(section: &CameraSection, map: &GroundMap) -> Option<CameraConfig> {
+    let found = optics::camera_from_map::camera_from_map(map)?;
+    Some(CameraConfig {
+        forward_deg: found.forward_deg,
+        flipped: found.flipped,
+        ..section.with_axis(found.centre_px, section.outer_radius_px)
+    })
+}
+
+fn no_axis(robot_file: &Path) -> String {
+    format!(
+        "{}: [camera] has no centre_px. `mirrorball calibrate rim` measures it",
+        robot_file.display()
+    )
 }
 
 /// Height of the viewpoint, metres: the mirror's height at the mean of its inner and outer radius.
@@ -99,17 +147,21 @@ fn load_colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourT
 fn load_ground_map(
     robot_file: &Path,
     robot: &RobotConfig,
-    camera: &CameraConfig,
+    camera: &CameraSection,
     map: Option<&Path>,
 ) -> Result<GroundMap> {
     let calibrated = map
         .map(PathBuf::from)
         .or_else(|| robot.map.as_ref().map(|map| map.file.clone()));
     let (map, source) = match (calibrated, &robot.mirror) {
-        (Some(file), _) => (GroundMap::load(&file)?, file),
+        (Some(file), _) => (
+            GroundMap::load_for_camera(&file, [camera.width_px, camera.height_px])?,
+            file,
+        ),
         (None, Some(mirror)) => {
             let profile = Profile::load(&mirror.profile)?;
-            let rays = optics::trace_rays(camera, &profile, &Mount::default())
+            let camera = camera.camera().with_context(|| no_axis(robot_file))?;
+            let rays = optics::trace_rays(&camera, &profile, &Mount::default())
                 .with_context(|| robot_file.display().to_string())?;
             (rays.ground_map(), mirror.profile.clone())
         }

@@ -249,6 +249,11 @@ pub(crate) fn sample_from_sim(sample: Simulated) -> Sample {
                 .map(|robot| robot.pose.origin())
                 .collect(),
             robot_headings: truth.others.iter().map(|robot| robot.pose.theta).collect(),
+            people: truth
+                .people
+                .iter()
+                .map(|person| person.pose.origin())
+                .collect(),
         }),
         Simulated::Image(image) => {
             let pixels = Image {
@@ -258,6 +263,7 @@ pub(crate) fn sample_from_sim(sample: Simulated) -> Sample {
             };
             Sample::Image(CameraImage {
                 stamp: image.stamp,
+                setting: None,
                 content: ImageContent::Pixels(pixels.into()),
             })
         }

@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use std::path::{Path, PathBuf};
 
-use localize::estimate::{Estimate, Mode, Reason};
+use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::frames::At;
 use localize::global_search::branch_and_bound::Hypothesis;
+use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
 use localize::robot::CameraSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
@@ -123,8 +124,14 @@ impl RandomValues {
                 ball: Some(self.at()),
                 robots: vec![self.at()],
                 robot_headings: Vec::new(),
+                people: Vec::new(),
             }),
             image: None,
+            setting: Some(CameraSetting {
+                exposure: self.value(),
+                gain: self.value(),
+            }),
+            settings: None,
         }
     }
 
@@ -286,6 +293,26 @@ impl RandomValues {
             collision: number.is_multiple_of(2),
             gyro_bias: self.value(),
             latency: self.value(),
+            fit: Fit {
+                on_markings: self.value(),
+                residual: self.value(),
+                markings_seen: self.value(),
+                wheels: (!lost).then(|| self.value()),
+                compass: lost.then(|| self.value()),
+            },
+            map_correction: number.is_multiple_of(2).then(|| MapCorrectionEstimate {
+                terms: [TermKind::MirrorTiltX, TermKind::Range(3)]
+                    .map(|kind| TermEstimate {
+                        kind,
+                        value: self.value(),
+                        std: self.value(),
+                    })
+                    .into(),
+                images: 7,
+                knocks: 1,
+                displacement_at_3_m: self.value(),
+                displacement_std_at_3_m: self.value(),
+            }),
             runners_up: vec![Hypothesis {
                 pose: self.pose(),
                 covariance: self.matrix(),

@@ -8,7 +8,7 @@ use localize::Field;
 use localize::frames::{At, Pose};
 use localize::robot::RobotConfig;
 use localize::world::TeamColour;
-use sim::render::{Renderer, RendererConfig, Scene};
+use sim::render::{CameraMotion, Renderer, RendererConfig, Scene};
 use sim::world::RobotState;
 use sim::{Scenario, Sim, SimSample};
 use vision::Profile;
@@ -18,6 +18,16 @@ fn config(name: &str) -> std::path::PathBuf {
         .join("../../config")
         .join(name)
 }
+
+/// Driving at 1.5 m/s and 60°/s with a tilted body, during the shutter time of the default camera.
+const DRIVING: CameraMotion = CameraMotion {
+    velocity: [1.4, 0.5],
+    yaw_rate: 1.05,
+    tilt: [0.006, -0.004],
+    tilt_rate: [0.05, 0.02],
+    readout: 0.0,
+    shutter: 0.008,
+};
 
 /// The demo's scenario with nine other robots.
 fn game() -> (Scenario, RobotConfig, Field) {
@@ -30,7 +40,11 @@ fn game() -> (Scenario, RobotConfig, Field) {
 
 fn image(c: &mut Criterion) {
     let (scenario, robot, field) = game();
-    let camera = robot.camera.clone().expect("a camera");
+    let camera = robot
+        .camera
+        .as_ref()
+        .and_then(|camera| camera.camera())
+        .expect("a camera");
     let profile =
         Profile::load(&robot.mirror.clone().expect("a mirror").profile).expect("a profile");
     let body = robot.body.clone().unwrap_or_default();
@@ -41,7 +55,8 @@ fn image(c: &mut Criterion) {
         body: &body,
         field: &field,
         light: &scenario.light,
-        blur_px: scenario.film.blur_px,
+        hall: &scenario.hall,
+        film: &scenario.film,
         seed: 1,
     })
     .expect("a renderer");
@@ -70,9 +85,9 @@ fn image(c: &mut Criterion) {
             let scene = Scene {
                 pose: Pose::new(4.0, 0.3, theta),
                 robots: &robots,
+                motion: DRIVING,
                 ball: Some((At::new(2.5, 1.5), 0.22, [245, 125, 20])),
-                light_colour: [1.0; 3],
-                occlusions: &[],
+                ..Scene::default()
             };
             renderer.render(black_box(&scene), &scenario.film, &mut rgb);
             black_box(&rgb);

@@ -7,10 +7,13 @@ pub mod base;
 mod behaviour;
 #[cfg(any(test, feature = "fusion_experiment"))]
 pub mod fusion_experiment;
+pub mod hall;
 pub mod image_sensor;
 pub mod light;
 mod path_follower;
+pub mod people;
 pub mod render;
+pub mod rocking;
 pub mod scenario;
 mod sensors;
 pub mod simulation;

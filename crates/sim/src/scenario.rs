@@ -11,8 +11,11 @@ use vision::Mount;
 
 pub use load::ScenarioError;
 
+use crate::hall::HallConfig;
 use crate::image_sensor::FilmConfig;
 use crate::light::LightConfig;
+use crate::people::PeopleConfig;
+use crate::rocking::RockingConfig;
 
 /// A scenario file. Lengths in metres, times in seconds from the start, angles in the unit of their names.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,15 +59,27 @@ pub struct Scenario {
     /// True focal length divided by that of the robot file.
     #[serde(default = "default_focal_scale")]
     pub focal_scale: f64,
-    /// Exposure, gain, white balance, vignetting and noise.
+    /// Settings, optics and sensor of the camera.
     #[serde(default)]
     pub film: FilmConfig,
     /// Light on the field.
     #[serde(default)]
     pub light: LightConfig,
+    /// The floor, windows and cables of the hall.
+    #[serde(default)]
+    pub hall: HallConfig,
+    /// People on and beside the field.
+    #[serde(default)]
+    pub people: PeopleConfig,
+    /// Tilt of our robot's body.
+    #[serde(default)]
+    pub rocking: RockingConfig,
     /// Instant displacements of our robot.
     #[serde(default)]
     pub kidnaps: Vec<Kidnap>,
+    /// Changes of the camera's and mirror's mounting during play.
+    #[serde(default)]
+    pub knocks: Vec<Knock>,
     /// Impulses on our robot.
     #[serde(default)]
     pub pushes: Vec<Push>,
@@ -308,6 +323,16 @@ pub struct Kidnap {
     /// New heading, degrees counter-clockwise from the field's x axis.
     #[serde(default)]
     pub theta_deg: f32,
+}
+
+/// A change of the mounting: something hits camera or mirror.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Knock {
+    /// Time, seconds.
+    pub time: f64,
+    /// True mounting from then on, in place of the scenario's.
+    pub mount: Mount,
 }
 
 /// An impulse on our robot.

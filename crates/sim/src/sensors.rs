@@ -8,6 +8,8 @@ use localize::sensors::attitude::GRAVITY;
 use localize::stamp::Stamp;
 use rand_chacha::ChaCha8Rng;
 
+use crate::render::level_from_body;
+
 /// An inertial unit; its biases are drawn once, in `new`.
 #[derive(Debug, Clone)]
 pub(crate) struct ImuModel {
@@ -28,16 +30,27 @@ impl ImuModel {
         }
     }
 
-    /// A reading for the mean true acceleration since the last one (robot frame, m/s²) and the true yaw rate (rad/s).
+    /// A reading for the mean true acceleration since the last one (level robot frame, m/s²), the true yaw rate (rad/s),
+    /// and the body's tilt with its rate of change.
     pub(crate) fn read(
         &self,
         stamp: Stamp,
         acceleration: [f32; 2],
         rate: f32,
+        ([a, b], tilt_rate): ([f32; 2], [f32; 2]),
         rng: &mut ChaCha8Rng,
     ) -> Imu {
-        let force = [acceleration[0], acceleration[1], GRAVITY];
-        let rates = [0.0, 0.0, rate];
+        let level = [acceleration[0], acceleration[1], GRAVITY];
+        // The unit is fixed to the body: the transpose turns level axes to its axes.
+        let rotation = level_from_body(a, b);
+        let force: [f32; 3] =
+            std::array::from_fn(|axis| (0..3).map(|k| rotation[3 * k + axis] * level[k]).sum());
+        // The vertical u changes by u × ω.
+        let rates = [
+            tilt_rate[1] + a * rate,
+            b * rate - tilt_rate[0],
+            rate * rotation[8],
+        ];
         Imu {
             stamp,
             acceleration: std::array::from_fn(|axis| {

@@ -24,6 +24,37 @@ pub struct VisionConfig {
     pub exposure: AutoExposureConfig,
     /// Windows and thresholds of the virtual sensors.
     pub virtual_sensors: VirtualSensorConfig,
+    /// Images from which nothing is claimed.
+    pub image_check: ImageCheckConfig,
+}
+
+/// Which images are dark, blank, incomplete, torn, repeated or turned. Nothing is claimed from those.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImageCheckConfig {
+    /// False processes every image.
+    pub enabled: bool,
+    /// An image is dark if 99 % of its samples are below this brightness, 0 to 255.
+    pub dark_level: f32,
+    /// An image is blank if the brightness of 90 % of the floor's parts differs by less than this, 0 to 255, or by less
+    /// than the noise explains.
+    pub contrast_min: f32,
+    /// Share of the rows that must be empty or repeated until an image counts as incomplete or torn.
+    pub bad_rows_min: f32,
+    /// Difference between two rows over that of the rows next to them, at which an image counts as torn.
+    pub seam_ratio_min: f32,
+}
+
+impl Default for ImageCheckConfig {
+    fn default() -> Self {
+        ImageCheckConfig {
+            enabled: true,
+            dark_level: 14.0,
+            contrast_min: 4.0,
+            bad_rows_min: 0.03,
+            seam_ratio_min: 4.0,
+        }
+    }
 }
 
 /// The scan pattern (minho2016 section III: 72 radial lines every 5°, 36 spirals each way every 10°).

@@ -1,8 +1,17 @@
 //! Images: borrowed in the camera's own pixel format, and owned RGB images from files.
 
+use std::io::Cursor;
 use std::path::Path;
 
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+
 use crate::error::VisionError;
+use crate::output_file::OutputFile;
+
+/// Largest accepted image or map, pixels. Larger ones are refused before they are unpacked.
+pub const PIXELS_MAX: usize = 64 * 1024 * 1024;
+/// Largest accepted width or height, pixels. Decoders are slow on millions of short rows.
+const SIDE_MAX: u32 = 32_768;
 
 /// Layout of a pixel's bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -233,12 +242,24 @@ impl Image {
         if is_truncated_jpeg(&bytes) {
             return Err(refuse("truncated JPEG (no end mark)".to_owned()));
         }
-        let reader = image::ImageReader::new(std::io::Cursor::new(bytes))
+        Image::decode(&bytes).map_err(refuse)
+    }
+
+    /// Decodes the bytes of a PNG or JPEG file. Errors with the reason, before unpacking if the image is too large.
+    pub fn decode(bytes: &[u8]) -> Result<Self, String> {
+        let decoder = ImageReader::new(Cursor::new(bytes))
             .with_guessed_format()
-            .map_err(|error| refuse(error.to_string()))?;
-        let decoded = reader
-            .decode()
-            .map_err(|error| refuse(error.to_string()))?
+            .map_err(|error| error.to_string())?
+            .into_decoder()
+            .map_err(|error| error.to_string())?;
+        let (width, height) = decoder.dimensions();
+        if width.max(height) > SIDE_MAX || width as usize * height as usize > PIXELS_MAX {
+            return Err(format!(
+                "too large: {width} × {height} pixels (expected at most {SIDE_MAX} a side and {PIXELS_MAX} in all)"
+            ));
+        }
+        let decoded = DynamicImage::from_decoder(decoder)
+            .map_err(|error| error.to_string())?
             .into_rgb8();
         Ok(Image {
             width_px: decoded.width() as usize,
@@ -249,17 +270,22 @@ impl Image {
 
     /// Writes a PNG or JPEG file, by the name's extension.
     pub fn save(&self, path: &Path) -> Result<(), VisionError> {
-        image::save_buffer(
-            path,
+        let refuse = |reason: String| VisionError::File {
+            path: path.to_owned(),
+            reason,
+        };
+        let format = ImageFormat::from_path(path).map_err(|error| refuse(error.to_string()))?;
+        let mut file = OutputFile::create(path).map_err(|error| refuse(error.to_string()))?;
+        image::write_buffer_with_format(
+            &mut file,
             &self.rgb,
             self.width_px as u32,
             self.height_px as u32,
             image::ExtendedColorType::Rgb8,
+            format,
         )
-        .map_err(|error| VisionError::File {
-            path: path.to_owned(),
-            reason: error.to_string(),
-        })
+        .map_err(|error| refuse(error.to_string()))?;
+        file.finish().map_err(|error| refuse(error.to_string()))
     }
 
     /// Borrows the image.
@@ -294,6 +320,20 @@ mod tests {
             (PixelFormat::BayerGrbg, 4, bayer([g, r], [b, g])),
             (PixelFormat::BayerGbrg, 4, bayer([g, b], [r, g])),
         ]
+    }
+
+    /// A PNG of one column and many rows, as its header says; the pixels are missing.
+    #[test]
+    fn image_of_four_hundred_million_rows_is_refused_by_its_header() {
+        let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR".to_vec();
+        png.extend(1_u32.to_be_bytes());
+        png.extend(400_000_000_u32.to_be_bytes());
+        png.extend([8, 2, 0, 0, 0]);
+        png.extend(0xe30b_1e27_u32.to_be_bytes());
+        png.extend([0, 0, 0, 1]);
+        png.extend(b"IDAT");
+        let error = Image::decode(&png).expect_err("refused");
+        assert!(error.contains("too large: 1 × 400000000"), "{error}");
     }
 
     #[test]

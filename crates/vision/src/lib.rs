@@ -13,8 +13,11 @@
 pub mod config;
 pub mod error;
 pub mod image;
+pub mod output_file;
 
 pub mod optics;
+
+pub mod image_check;
 
 pub mod scan;
 

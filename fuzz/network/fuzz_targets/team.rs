@@ -1,4 +1,4 @@
-//! Fuzzes the receiver of team messages with datagrams. Run: `tools/fuzz 60 team`
+//! Fuzzes the receiver of team messages with datagrams. Run: `tools/fuzz_coverage 60 team`
 #![no_main]
 
 use localize::Stamp;

@@ -21,6 +21,7 @@ use pipeline::recording::Recording;
 use pipeline::score;
 use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::setup::Setup;
+use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::simulation::Simulation;
 use pipeline::{Cycle, Pipeline, PipelineConfig};
 
@@ -50,6 +51,8 @@ struct Outcome {
     times_real_time: f64,
     play: Summary,
     recording: Summary,
+    /// Sentences about a doubtful set-up; empty when all is well.
+    warnings: Vec<String>,
     log: PathBuf,
     pictures: [PathBuf; 2],
 }
@@ -76,11 +79,13 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms simulated");
     let started = Instant::now();
     let mut play = RunTrace::default();
+    let mut keyframes = KeyframeCollector::default();
     let mut pipeline = Pipeline::new(&setup, &config)?;
     simulation.run(&mut pipeline, |cycle| {
         let cycle = Arc::new(cycle);
         bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
         play.add(&cycle);
+        keyframes.add_cycle(&cycle);
         recorder.record_cycle(cycle)?;
         Ok(interrupt::flow())
     })?;
@@ -88,6 +93,8 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     interrupt::check()?;
     let times_real_time = duration / started.elapsed().as_secs_f64();
     recorder.finish()?;
+    let keyframes = keyframes.keyframes();
+    let checked = setup_check::check(&setup, &config, &keyframes, Vec::new(), Effort::Brief);
     play.picture(&setup)?.save(&pictures[0])?;
 
     let setup = Setup::load(&sample.join("robot.toml"), None)?;
@@ -108,6 +115,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             times_real_time,
             play,
             recording,
+            warnings: checked.warnings,
             log,
             pictures,
         };

@@ -32,6 +32,9 @@ pub(crate) struct Args {
     /// Also write ball, robots and goals: stamp_s,kind,x_m,y_m,std_m,score in the robot frame.
     #[arg(long, value_name = "FILE")]
     seen: Option<PathBuf>,
+    /// Write the ground map with what was learned about its errors (npz).
+    #[arg(long, value_name = "MAP.npz")]
+    save_map: Option<PathBuf>,
     /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
@@ -57,13 +60,18 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         Some(&*out),
         args.points.as_deref(),
         args.seen.as_deref(),
+        args.save_map.as_deref(),
     ])?;
     let run = RecordingRun::open(&RecordingOptions {
         folder: args.dir.clone(),
         map: args.map.clone(),
+        save_map: args.save_map.clone(),
         config: PipelineConfig::load(&args.preset, args.config.as_deref())?,
         external_point_std: EXTERNAL_POINT_STD,
     })?;
+    for warning in &run.setup_report().warnings {
+        eprintln!("warning: {warning}");
+    }
     let mut outputs = CsvOutputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
     let bar = crate::progress::bar(run.frames() as u64, "frames");
     let result = run.run(|cycle| {
@@ -81,6 +89,15 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         println!("{}", serde_json::to_string(&result)?);
     } else {
         result.summary.print();
+        if let Some(figures) = &result.setup {
+            println!("{}", figures.text());
+        }
+        if !result.warnings.is_empty() {
+            let folder = args.dir.display();
+            println!(
+                "the set-up is doubtful: `mirrorball doctor --recording {folder}` shows alternatives"
+            );
+        }
         if let Some(detections) = &result.detections {
             detections.print();
         }

@@ -7,7 +7,9 @@ use serde::Serialize;
 
 use pipeline::config::PIPELINE_FILE;
 use pipeline::log::{self, Difference, LogEnd, LogReader, VerificationReport};
+use pipeline::sample::Sample;
 use pipeline::setup::Setup;
+use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Pipeline, PipelineConfig};
 
 /// Compute a log again: verify that the estimates are bit-identical, or export it as a recording folder.
@@ -37,6 +39,8 @@ struct Outcome {
     verified: Option<VerifyOutcome>,
     #[serde(skip_serializing_if = "Option::is_none")]
     exported: Option<ExportOutcome>,
+    /// Sentences about a doubtful set-up; empty when all is well.
+    warnings: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -85,17 +89,22 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             whole,
         });
     }
-    let (mut failure, mut nothing_verified) = (None, false);
+    let (mut failure, mut nothing_verified) = (None, None);
     if args.verify || args.export.is_none() {
         let log = LogReader::open(&args.log)?;
         if let Some(note) = log.header().version_mismatch() {
             eprintln!("{}: {note}", args.log.display());
         }
-        let report =
+        let continued = log.header().continues.clone();
+        let (report, warnings) =
             verify_log(log).with_context(|| format!("cannot verify {}", args.log.display()))?;
         if !json {
             print(&report);
         }
+        for warning in &warnings {
+            eprintln!("warning: {warning}");
+        }
+        summary.warnings = warnings;
         summary.verified = Some(VerifyOutcome {
             identical: report.different == 0 && report.cycles > 0,
             cycles: report.cycles,
@@ -105,17 +114,22 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             whole: report.end == LogEnd::Complete,
         });
         failure = report.first_difference;
-        nothing_verified = report.cycles == 0;
+        nothing_verified = (report.cycles == 0).then_some(match continued {
+            Some(earlier) => format!(
+                "it continues {earlier} after a full disk, and replay would need the state at the end of that log. \
+                 Verify the first log of the run"
+            ),
+            None => "no cycle could be computed again (expected at least one)".to_owned(),
+        });
     }
     if json {
         println!("{}", serde_json::to_string(&summary)?);
     }
     match failure {
-        None if nothing_verified => bail!(
-            "{}: no cycle could be verified (expected at least one)",
-            args.log.display()
-        ),
-        None => Ok(()),
+        None => match nothing_verified {
+            Some(reason) => bail!("{}: nothing is verified: {reason}", args.log.display()),
+            None => Ok(()),
+        },
         Some(Difference {
             stamp,
             quantity,
@@ -129,12 +143,12 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     }
 }
 
-/// Runs a new pipeline, built from the log's own files, over the log.
-fn verify_log(log: LogReader) -> Result<VerificationReport> {
+/// Runs a new pipeline, built from the log's own files, over the log. Returns warnings about its set-up, too.
+fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
     let folder =
         tempfile::tempdir().context("cannot make a temporary folder for the log's files")?;
     log.header().write_files(folder.path())?;
-    let mut pipeline = load_pipeline(folder.path()).map_err(|error| {
+    let (setup, config, mut pipeline) = load_pipeline(folder.path()).map_err(|error| {
         // The files are in the log; the temporary folder means nothing to the user.
         let unpacked = format!("{}/", folder.path().display());
         anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
@@ -143,21 +157,50 @@ fn verify_log(log: LogReader) -> Result<VerificationReport> {
         eprintln!("{notice}");
     }
     let bar = crate::progress::bar(0, "cycles");
+    let mut keyframes = KeyframeCollector::default();
+    let mut invalid_settings = None;
     let report = log::verify(log, |sample| {
+        if let Sample::Settings(settings) = sample {
+            let next = PipelineConfig::parse(&settings)
+                .map_err(anyhow::Error::from)
+                .and_then(|config| {
+                    config.check()?;
+                    Pipeline::new(&setup, &config)
+                });
+            match next {
+                Ok(next) => pipeline.replace_by(next, settings),
+                Err(error) => invalid_settings = Some(error),
+            }
+            return None;
+        }
         let cycle = pipeline.process_sample(sample);
+        if let Some(cycle) = &cycle {
+            keyframes.add_cycle(cycle);
+        }
         bar.inc(u64::from(cycle.is_some()));
         cycle
     });
     bar.finish_and_clear();
-    report
+    let found = setup_check::check(
+        &setup,
+        &config,
+        &keyframes.keyframes(),
+        Vec::new(),
+        Effort::Brief,
+    );
+    if let Some(error) = invalid_settings {
+        return Err(error.context("the settings that were changed during the run"));
+    }
+    Ok((report?, found.warnings))
 }
 
-/// A pipeline from the files of a log.
-fn load_pipeline(folder: &Path) -> Result<Pipeline> {
+/// Set-up, settings and a pipeline from the files of a log.
+fn load_pipeline(folder: &Path) -> Result<(Setup, PipelineConfig, Pipeline)> {
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let settings = folder.join(PIPELINE_FILE);
     let config = PipelineConfig::load("default", settings.exists().then_some(&*settings))?;
-    Pipeline::new(&setup, &config)
+    let pipeline = Pipeline::new(&setup, &config)?;
+    Ok((setup, config, pipeline))
 }
 
 fn print(report: &VerificationReport) {

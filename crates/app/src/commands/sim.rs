@@ -194,9 +194,15 @@ fn play(args: &Args, json: bool, mut on_cycle: impl FnMut(&Arc<Cycle>)) -> Resul
     interrupt::check()?;
     outputs.finish()?;
     truths.map_or(Ok(()), CsvWriter::finish)?;
+    for warning in &result.warnings {
+        eprintln!("warning: {warning}");
+    }
     if json {
         println!("{}", serde_json::to_string(&result)?);
     } else {
+        if let Some(figures) = &result.setup {
+            println!("{}", figures.text());
+        }
         match &result.scores {
             RunScores::SingleRobot(summary) => summary.print(),
             RunScores::MultiRobot { robots } => multi_robot::print(robots),

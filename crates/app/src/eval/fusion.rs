@@ -43,7 +43,7 @@ pub(crate) fn run(
             Ok(rows?)
         })
         .collect::<Result<_>>()?;
-    rows.header("variant,method,seed,frames,position_m,position_max_m,heading_deg,blind_m,after_hit_m,along_m,nees,nees_inside,searched,latency_s")?;
+    rows.header("variant,method,seed,frames,position_m,position_max_m,heading_deg,blind_m,after_hit_m,along_m,nees,nees_inside,searched,latency_s,nees_blind")?;
     for (&(_, seed), job_scores) in jobs.iter().zip(&scores) {
         for row in job_scores {
             write_row(rows, seed, row)?;
@@ -69,7 +69,7 @@ pub(crate) fn run(
 fn write_row(rows: &mut CsvRows, seed: u64, row: &FusionScore) -> Result<()> {
     let cell = |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
     rows.row(format_args!(
-        "{},{},{seed},{},{:.5},{:.5},{:.5},{},{},{:.5},{:.4},{:.4},{},{:.5}",
+        "{},{},{seed},{},{:.5},{:.5},{:.5},{},{},{:.5},{:.4},{:.4},{},{:.5},{}",
         snake_case_name(&row.course),
         snake_case_name(&row.estimator),
         row.frames,
@@ -82,7 +82,8 @@ fn write_row(rows: &mut CsvRows, seed: u64, row: &FusionScore) -> Result<()> {
         row.nees,
         row.nees_inside,
         row.searched,
-        row.latency
+        row.latency,
+        cell(row.nees_blind)
     ))
 }
 
@@ -114,6 +115,7 @@ fn metrics_of(variant: &str, method: &str, rows: &[&FusionScore]) -> Vec<Metric>
         mean("NEES (3 is honest)", |row| {
             (row.nees > 0.0).then_some(row.nees)
         }),
+        mean("NEES while blind", |row| row.nees_blind),
         mean("inside the 95 % band, %", |row| {
             (row.nees > 0.0).then_some(100.0 * row.nees_inside)
         }),

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use serde::Serialize;
+use vision::output_file::write_file;
 
 use super::metric::Metric;
 use pipeline::csv_table::CsvWriter;
@@ -86,7 +87,7 @@ impl EvalResults {
     pub(crate) fn write(&self, folder: &Path) -> Result<()> {
         let path = folder.join("results.json");
         let text = serde_json::to_string_pretty(self)?;
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        write_file(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
         let mut table = CsvWriter::create(
             &folder.join("figures.csv"),
             "part,variant,method,figure,value,low,high,interval,paper,paper_until,paper_place",

@@ -152,6 +152,7 @@ fn run_recording(folder: &Path, preset: &str) -> Result<VisionRun> {
             let scene = SceneTruth {
                 pose,
                 objects: objects.get(&cycle.stamp).map(Vec::as_slice),
+                people: &[],
                 occluded_sectors: &[],
             };
             run.add_cycle(&cycle, &setup, &scene);
@@ -197,6 +198,7 @@ fn run_scenario(variant: &Variant, seed: u64, preset: &str) -> Result<VisionRun>
         let scene = SceneTruth {
             pose: truth.pose,
             objects: Some(&objects),
+            people: &truth.people,
             occluded_sectors: &sectors,
         };
         run.add_cycle(&cycle, &setup, &scene);
@@ -210,6 +212,7 @@ struct SceneTruth<'a> {
     pose: localize::Pose,
     /// None if the objects are unknown.
     objects: Option<&'a [GroundTruthObject]>,
+    people: &'a [localize::At<localize::FieldFrame>],
     /// Directions and widths of covered sectors of the view, radians.
     occluded_sectors: &'a [(f32, f32)],
 }
@@ -247,6 +250,7 @@ impl VisionRun {
             map,
             occluded_sectors: truth.occluded_sectors,
             objects: truth.objects,
+            people: truth.people,
         };
         let mut count = |item: ScoredItem| {
             let bin = (item.range / RANGE_BIN) as usize;

@@ -5,14 +5,16 @@ use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
+use hw::StampedSocket;
+use localize::Stamp;
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
+use super::address::resolve;
 use super::polling::POLL_PERIOD;
-use super::state_sender::resolve;
 use pipeline::datagram::authentication::{MacKey, RejectReason, ReplayGuard, verify_mac};
 use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
 
@@ -32,6 +34,17 @@ pub struct CommandConfig {
     pub kick_max: f32,
     /// After this silence a sender may start again with a lower session, seconds.
     pub silence: f64,
+    /// Maximum age of the state on which a command is based, if the command names it, milliseconds.
+    pub state_age_max_ms: f32,
+}
+
+/// By what senders address this start of this robot; the state output publishes both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RobotIdentity {
+    /// Number of the robot.
+    pub robot: u32,
+    /// Random number of this start.
+    pub boot: u64,
 }
 
 impl Default for CommandConfig {
@@ -43,6 +56,7 @@ impl Default for CommandConfig {
             speed_max: 15.0,
             kick_max: 15.0,
             silence: 1.0,
+            state_age_max_ms: 500.0,
         }
     }
 }
@@ -58,24 +72,28 @@ pub struct RemoteCommand {
     pub needs_pose: bool,
     /// Validity after its arrival.
     pub valid_for: Duration,
+    /// End of its validity, in the clock of its arrival.
+    pub deadline: Stamp,
 }
 
 /// Accepts or rejects datagrams. Does no I/O and reads no clock.
 #[derive(Debug)]
 pub struct CommandFilter {
     config: CommandConfig,
+    identity: RobotIdentity,
     key: Option<MacKey>,
     replay_guard: ReplayGuard,
 }
 
 impl CommandFilter {
-    /// A filter by a configuration.
-    pub fn new(config: &CommandConfig) -> Result<Self> {
+    /// A filter by a configuration, for the commands to one start of a robot.
+    pub fn new(config: &CommandConfig, identity: RobotIdentity) -> Result<Self> {
         for (name, value) in [
             ("valid_max_ms", config.valid_max_ms),
             ("speed_max", config.speed_max),
             ("kick_max", config.kick_max),
             ("silence", config.silence as f32),
+            ("state_age_max_ms", config.state_age_max_ms),
         ] {
             ensure!(
                 (0.0..=1e6).contains(&value),
@@ -84,13 +102,18 @@ impl CommandFilter {
         }
         Ok(CommandFilter {
             config: config.clone(),
+            identity,
             key: config.key.as_deref().map(MacKey::new).transpose()?,
             replay_guard: ReplayGuard::default(),
         })
     }
 
-    /// Decodes and checks a datagram received at `now` (seconds of any clock).
-    pub fn accept(&mut self, datagram: &[u8], now: f64) -> Result<RemoteCommand, RejectReason> {
+    /// Decodes and checks a datagram that arrived at `arrival`, in the clock of the published states.
+    pub fn accept(
+        &mut self,
+        datagram: &[u8],
+        arrival: Stamp,
+    ) -> Result<RemoteCommand, RejectReason> {
         let content = verify_mac(datagram, self.key.as_ref())?;
         let command = if content.first() == Some(&b'{') {
             serde_json::from_slice(content).map_err(|_foreign| RejectReason::Foreign)?
@@ -112,16 +135,43 @@ impl CommandFilter {
         if !is_valid || !(command.valid_ms >= 0.0) {
             return Err(RejectReason::Senseless);
         }
+        self.check_addressee(&command)?;
+        let state_age = arrival - Stamp(command.state_ns);
+        if command.state_ns != 0 && state_age > f64::from(config.state_age_max_ms) * 1e-3 {
+            return Err(RejectReason::Late);
+        }
         // Last, so that a rejected datagram does not use up its sequence number.
-        self.replay_guard
-            .accept(command.session, command.sequence, now, config.silence)?;
+        self.replay_guard.accept(
+            command.session,
+            command.sequence,
+            arrival.seconds(),
+            config.silence,
+        )?;
         let valid_ms = command.valid_ms.min(config.valid_max_ms);
+        let valid_for = Duration::from_secs_f64(f64::from(valid_ms) / 1e3);
         Ok(RemoteCommand {
             drive: command.drive,
             kick: command.kick,
             needs_pose: command.needs_pose,
-            valid_for: Duration::from_secs_f64(f64::from(valid_ms) / 1e3),
+            valid_for,
+            deadline: arrival + valid_for.as_secs_f64(),
         })
+    }
+
+    /// Under a key a command must name this robot and this start of it: another robot may have the same key, and a
+    /// command recorded before a restart must have no effect after it.
+    fn check_addressee(&self, command: &Command) -> Result<(), RejectReason> {
+        if command.boot == 0 && self.key.is_some() {
+            return Err(RejectReason::Unbound);
+        }
+        let names_robot = command.robot != 0 || self.key.is_some();
+        if names_robot && command.robot != self.identity.robot {
+            return Err(RejectReason::Robot);
+        }
+        if command.boot != 0 && command.boot != self.identity.boot {
+            return Err(RejectReason::Boot);
+        }
+        Ok(())
     }
 }
 
@@ -133,16 +183,27 @@ pub(crate) struct CommandListener {
     thread: Option<JoinHandle<()>>,
 }
 
+/// What the listening thread shares with the run and the state output.
 #[derive(Default)]
-struct ListenerState {
+pub(crate) struct ListenerState {
     counts: Mutex<CommandCounts>,
+    /// Why the newest datagram was rejected.
+    fault: Mutex<Option<RejectReason>>,
+    /// Messages for the operator: one for each reason.
+    notices: Mutex<Vec<String>>,
     stop_requested: AtomicBool,
 }
 
 /// Numbers of received datagrams by result.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub(crate) struct CommandCounts {
-    /// Executed commands.
+    /// Datagrams whose command was passed to the base.
+    pub accepted: u64,
+    /// Drive commands and kicks of other programs that were sent on the base's bus. A newer command replaces one that was
+    /// not sent yet.
+    pub sent: u64,
+    /// Sent commands that the base confirmed: by a report of its wheels during their validity without a pressed emergency
+    /// stop, or by a report of the kick.
     pub obeyed: u64,
     /// Valid commands that were not executed: a higher priority, no pose or no base.
     pub overruled: u64,
@@ -171,29 +232,32 @@ impl CommandListener {
     /// Listens for commands and passes each to `execute`, which returns whether it was executed.
     pub(crate) fn listen(
         config: &CommandConfig,
+        identity: RobotIdentity,
         mut execute: impl FnMut(RemoteCommand) -> bool + Send + 'static,
     ) -> Result<Self> {
         let address = config.address()?;
-        let mut filter = CommandFilter::new(config)?;
+        let mut filter = CommandFilter::new(config, identity)?;
         let socket = UdpSocket::bind(address)
             .with_context(|| format!("[commands] cannot listen on {}", config.bind))?;
-        socket.set_read_timeout(Some(POLL_PERIOD))?;
         #[cfg(test)]
         let address = socket.local_addr()?;
+        let mut socket = StampedSocket::new(socket)?;
         let shared = Arc::new(ListenerState::default());
         let state = shared.clone();
-        let started = Instant::now();
         let thread = std::thread::Builder::new()
             .name("commands".to_owned())
             .spawn(move || {
                 let mut datagram = [0; MAX_DATAGRAM_BYTES];
                 while !state.stop_requested.load(Ordering::Relaxed) {
-                    // A timeout, or an ICMP error of an earlier datagram: neither ends the thread.
-                    let Ok(length) = socket.recv(&mut datagram) else {
+                    let Some(received) = socket.receive(&mut datagram, POLL_PERIOD) else {
                         continue;
                     };
-                    let command =
-                        filter.accept(&datagram[..length], started.elapsed().as_secs_f64());
+                    let command = filter.accept(&datagram[..received.length], received.arrival);
+                    // The thread may have been stopped while the command waited in the socket.
+                    let command = command.and_then(|command| {
+                        let in_time = command.deadline > hw::now();
+                        in_time.then_some(command).ok_or(RejectReason::Late)
+                    });
                     state.count(command.map(&mut execute));
                 }
             })?;
@@ -214,6 +278,16 @@ impl CommandListener {
     /// Numbers of datagrams so far.
     pub(crate) fn counts(&self) -> CommandCounts {
         self.shared.lock().clone()
+    }
+
+    /// The shared state, for the state output.
+    pub(crate) fn shared(&self) -> Arc<ListenerState> {
+        self.shared.clone()
+    }
+
+    /// Messages for the operator since the last call.
+    pub(crate) fn take_notices(&self) -> Vec<String> {
+        std::mem::take(&mut *lock(&self.shared.notices))
     }
 }
 
@@ -243,16 +317,32 @@ impl Drop for CommandListener {
 
 impl ListenerState {
     fn count(&self, executed: Result<bool, RejectReason>) {
+        *lock(&self.fault) = executed.err();
         let mut counts = self.lock();
         match executed {
-            Ok(true) => counts.obeyed += 1,
+            Ok(true) => counts.accepted += 1,
             Ok(false) => counts.overruled += 1,
-            Err(reason) => *counts.refused.entry(reason).or_default() += 1,
+            Err(reason) => {
+                let count = counts.refused.entry(reason).or_default();
+                *count += 1;
+                if *count == 1 {
+                    lock(&self.notices).push(format!("a remote command is rejected: {reason}"));
+                }
+            }
         }
     }
 
-    // The counts are valid even if a thread panicked with the lock.
-    fn lock(&self) -> MutexGuard<'_, CommandCounts> {
-        self.counts.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Why the newest datagram was rejected; empty if it was not.
+    pub(crate) fn fault(&self) -> String {
+        lock(&self.fault).map_or_else(String::new, |reason| reason.to_string())
     }
+
+    fn lock(&self) -> MutexGuard<'_, CommandCounts> {
+        lock(&self.counts)
+    }
+}
+
+// Counts and messages are valid even if a thread panicked with the lock.
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -2,6 +2,7 @@
 //!
 //! `docs/network.md` describes the messages, `docs/network.proto` their encoding.
 
+mod address;
 pub(crate) mod commands;
 mod polling;
 pub(crate) mod state_sender;
@@ -15,11 +16,12 @@ use anyhow::{Context, Result};
 use localize::Stamp;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use commands::{CommandConfig, CommandListener, RemoteCommand};
+pub(crate) use commands::{CommandConfig, CommandListener, RemoteCommand, RobotIdentity};
 pub(crate) use pipeline::datagram::TeamLinkConfig;
-pub(crate) use state_sender::{OutputConfig, StateSender};
+pub(crate) use state_sender::{CommandStatus, OutputConfig, StateSender};
 pub(crate) use team::TeamTransport;
 
+use crate::run::tuning::TuningDesk;
 use crate::stream::{self, StreamConfig, StreamPreamble};
 use pipeline::feed::Feed;
 
@@ -44,7 +46,7 @@ pub(crate) struct Network {
     /// Team messages: the received reports are samples for the pipeline.
     pub team: Option<TeamTransport>,
     /// The live stream, kept until the end.
-    _stream: Option<stream::StreamServer>,
+    pub stream: Option<stream::StreamServer>,
     /// The state output, kept until the end.
     _state_sender: Option<StateSender>,
 }
@@ -63,36 +65,74 @@ impl NetworkConfig {
     fn check(&self) -> Result<()> {
         if let Some(commands) = &self.commands {
             commands.address()?;
-            commands::CommandFilter::new(commands)?;
+            let robot = self.robot_number();
+            commands::CommandFilter::new(commands, RobotIdentity { robot, boot: 1 })?;
+            let differs = self.outputs.iter().find(|output| output.robot != robot);
+            if let Some(differs) = differs.filter(|_| commands.key.is_some()) {
+                anyhow::bail!(
+                    "[[outputs]] robot = {} and robot = {robot} differ, but commands under a key name one robot. Make them equal",
+                    differs.robot
+                );
+            }
         }
         if let Some(team) = &self.team {
             team.address()?;
         }
+        if let Some(stream) = &self.stream {
+            stream.check()?;
+        }
         Ok(())
+    }
+
+    /// Number of this robot: that of its state output, else that in the team, else 1.
+    fn robot_number(&self) -> u32 {
+        let output = self.outputs.first().map(|output| output.robot);
+        output
+            .or(self.team.as_ref().map(|team| team.robot))
+            .unwrap_or(1)
     }
 
     /// Starts the configured threads on the cycles of `feed`.
     ///
-    /// `session`: must increase with each start (nanoseconds since 1970). `clock`: current time in the clock of the samples.
+    /// `tuning`: changes settings, if the stream's viewers may. `session`: must increase with each start (nanoseconds since 1970). `clock`: current time in the clock of the samples.
     /// `execute`: executes a remote command; false if it is overruled.
     pub(crate) fn start(
         &self,
         feed: &Feed,
-        preamble: StreamPreamble<'_>,
+        (preamble, tuning): (StreamPreamble<'_>, Option<TuningDesk>),
         session: u64,
         clock: impl Fn() -> Stamp + Clone + Send + 'static,
         execute: impl FnMut(RemoteCommand) -> bool + Send + 'static,
     ) -> Result<Network> {
-        let stream = |config| stream::StreamServer::start(feed, preamble, config);
+        let stream = |config| stream::StreamServer::start(feed, preamble, tuning.clone(), config);
         let team = |config| TeamTransport::join(feed, config, session, clock);
-        let listen = |config| CommandListener::listen(config, execute);
+        let identity = RobotIdentity {
+            robot: self.robot_number(),
+            boot: random_boot_number()?,
+        };
+        let listen = |config| CommandListener::listen(config, identity, execute);
+        let commands = self.commands.as_ref().map(listen).transpose()?;
+        let status = commands.as_ref().map(|commands| CommandStatus {
+            identity,
+            listener: commands.shared(),
+        });
         Ok(Network {
-            commands: self.commands.as_ref().map(listen).transpose()?,
+            commands,
             team: self.team.as_ref().map(team).transpose()?,
-            _stream: self.stream.as_ref().map(stream).transpose()?,
+            stream: self.stream.as_ref().map(stream).transpose()?,
             _state_sender: (!self.outputs.is_empty())
-                .then(|| StateSender::start(feed, &self.outputs))
+                .then(|| StateSender::start(feed, &self.outputs, status))
                 .transpose()?,
         })
     }
+}
+
+/// A number of this start that nobody can guess: 1 to 2⁵³, which every JSON reader keeps exactly.
+fn random_boot_number() -> Result<u64> {
+    use std::io::Read;
+    let mut bytes = [0; 8];
+    std::fs::File::open("/dev/urandom")
+        .and_then(|mut file| file.read_exact(&mut bytes))
+        .context("cannot read /dev/urandom")?;
+    Ok((u64::from_le_bytes(bytes) >> 11) + 1)
 }

@@ -1,6 +1,6 @@
 //! How do other programs get the robot's state? A thread sends a datagram per cycle to each address.
 
-use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::net::{SocketAddr, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -9,6 +9,8 @@ use anyhow::{Context, Result};
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
+use super::address::resolve;
+use super::commands::{ListenerState, RobotIdentity};
 use super::polling::POLL_PERIOD;
 use pipeline::datagram::message::State;
 use pipeline::feed::{Feed, RecvError, Subscription};
@@ -46,6 +48,13 @@ pub(crate) enum StateFormat {
     Json,
 }
 
+/// What senders of commands must know: how to address this start of the robot, and why their commands are rejected.
+#[derive(Clone)]
+pub(crate) struct CommandStatus {
+    pub(crate) identity: RobotIdentity,
+    pub(crate) listener: Arc<ListenerState>,
+}
+
 /// A thread that sends the state. Dropping it ends the thread.
 pub(crate) struct StateSender {
     stop_requested: Arc<AtomicBool>,
@@ -60,8 +69,12 @@ struct Receiver {
 }
 
 impl StateSender {
-    /// Sends each cycle of a feed to every address.
-    pub(crate) fn start(feed: &Feed, outputs: &[OutputConfig]) -> Result<Self> {
+    /// Sends each cycle of a feed to every address. `commands`: None if no commands are received.
+    pub(crate) fn start(
+        feed: &Feed,
+        outputs: &[OutputConfig],
+        commands: Option<CommandStatus>,
+    ) -> Result<Self> {
         let mut receivers = Vec::with_capacity(outputs.len());
         for output in outputs {
             let address =
@@ -78,7 +91,7 @@ impl StateSender {
         let cycles = feed.subscribe(1);
         let thread = std::thread::Builder::new()
             .name("outputs".to_owned())
-            .spawn(move || send_states(&cycles, &receivers, &stop))?;
+            .spawn(move || send_states(&cycles, &receivers, commands.as_ref(), &stop))?;
         Ok(StateSender {
             stop_requested,
             thread: Some(thread),
@@ -96,7 +109,12 @@ impl Drop for StateSender {
     }
 }
 
-fn send_states(cycles: &Subscription, receivers: &[Receiver], stop: &AtomicBool) {
+fn send_states(
+    cycles: &Subscription,
+    receivers: &[Receiver],
+    commands: Option<&CommandStatus>,
+    stop: &AtomicBool,
+) {
     while !stop.load(Ordering::Relaxed) {
         let ((index, cycle), _) = match cycles.recv_indexed(POLL_PERIOD) {
             Ok(entry) => entry,
@@ -109,7 +127,11 @@ fn send_states(cycles: &Subscription, receivers: &[Receiver], stop: &AtomicBool)
             output,
         } in receivers
         {
-            let state = State::from_cycle(output.robot, index, &cycle);
+            let mut state = State::from_cycle(output.robot, index, &cycle);
+            if let Some(CommandStatus { identity, listener }) = commands {
+                state.boot = identity.boot;
+                state.command_fault = listener.fault();
+            }
             let datagram = match output.format {
                 StateFormat::Protobuf => state.encode_to_vec(),
                 // Numbers and strings can always be serialised.
@@ -119,14 +141,6 @@ fn send_states(cycles: &Subscription, receivers: &[Receiver], stop: &AtomicBool)
             let _sent = socket.send_to(&datagram, address);
         }
     }
-}
-
-/// The first address of `host:port`.
-pub(crate) fn resolve(name: &str) -> Result<SocketAddr> {
-    name.to_socket_addrs()
-        .context("invalid address (expected host:port)")?
-        .next()
-        .context("unknown host")
 }
 
 /// A socket to send from.

@@ -9,12 +9,13 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use hw::StampedSocket;
 use localize::Stamp;
 use localize::team::TeamReport;
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::polling::POLL_PERIOD;
-use pipeline::datagram::{TeamLink, TeamLinkConfig};
+use pipeline::datagram::{TeamClock, TeamLink, TeamLinkConfig};
 use pipeline::feed::{Feed, RecvError, Subscription};
 
 /// Capacity of the queue of reports for the pipeline: a second of five team-mates.
@@ -25,7 +26,6 @@ const MAX_DATAGRAM_BYTES: usize = 4096;
 /// Sends and receives team messages. Dropping it ends the threads.
 pub(crate) struct TeamTransport {
     reports: Receiver<TeamReport>,
-    #[cfg(test)]
     link: Arc<Mutex<TeamLink>>,
     stop_requested: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
@@ -45,7 +45,6 @@ impl TeamTransport {
         let link = Arc::new(Mutex::new(TeamLink::new(config, session)?));
         let receiver = open_multicast_socket(group, config.interface)
             .with_context(|| format!("[team] cannot join {group} on {}", config.interface))?;
-        receiver.set_read_timeout(Some(POLL_PERIOD))?;
         let sender = TeamSender {
             socket: receiver.try_clone()?,
             group,
@@ -55,14 +54,14 @@ impl TeamTransport {
         let (queue, reports) = sync_channel(MAX_PENDING_REPORTS);
         let mut transport = TeamTransport {
             reports,
-            #[cfg(test)]
             link: link.clone(),
             stop_requested: stop_requested.clone(),
             threads: Vec::new(),
         };
+        let mut receiver = StampedSocket::new(receiver)?;
         let (receiving, stop, time) = (link.clone(), stop_requested.clone(), clock.clone());
         transport.spawn("team receive", move || {
-            receive_loop(&receiver, &receiving, &queue, &stop, time);
+            receive_loop(&mut receiver, &receiving, &queue, &stop, time);
         })?;
         let cycles = feed.subscribe(1);
         transport.spawn("team send", move || {
@@ -82,6 +81,11 @@ impl TeamTransport {
     /// Reports of team-mates received since the last call; samples for the pipeline.
     pub(crate) fn received_reports(&self) -> impl Iterator<Item = TeamReport> {
         self.reports.try_iter()
+    }
+
+    /// The clocks of the team-mates.
+    pub(crate) fn clocks(&self) -> Vec<TeamClock> {
+        lock(&self.link).team_clocks()
     }
 
     /// The next report; None after the timeout.
@@ -120,7 +124,7 @@ fn open_multicast_socket(group: SocketAddrV4, interface: Ipv4Addr) -> Result<Udp
 }
 
 fn receive_loop(
-    socket: &UdpSocket,
+    socket: &mut StampedSocket,
     link: &Mutex<TeamLink>,
     reports: &SyncSender<TeamReport>,
     stop: &AtomicBool,
@@ -128,11 +132,11 @@ fn receive_loop(
 ) {
     let mut datagram = [0; MAX_DATAGRAM_BYTES];
     while !stop.load(Ordering::Relaxed) {
-        // A timeout, or a network that is down for a while: neither ends the thread.
-        let Ok(length) = socket.recv(&mut datagram) else {
+        let Some(received) = socket.receive(&mut datagram, POLL_PERIOD) else {
             continue;
         };
-        let report = lock(link).receive(&datagram[..length], clock());
+        let age = hw::now() - received.arrival;
+        let report = lock(link).receive(&datagram[..received.length], clock() + -age);
         if let Ok(report) = report {
             // If the pipeline does not take reports, new ones are dropped.
             let _ = reports.try_send(report);

@@ -16,8 +16,8 @@ use prost::Message;
 
 use super::commands::{CommandCounts, CommandFilter};
 use super::{
-    CommandConfig, CommandListener, NetworkConfig, OutputConfig, RemoteCommand, StateSender,
-    TeamLinkConfig, TeamTransport,
+    CommandConfig, CommandListener, NetworkConfig, OutputConfig, RemoteCommand, RobotIdentity,
+    StateSender, TeamLinkConfig, TeamTransport,
 };
 use pipeline::Cycle;
 use pipeline::datagram::TeamLink;
@@ -29,6 +29,7 @@ use pipeline::feed::Feed;
 use pipeline::testing::random_cycle;
 
 const TIMEOUT: Duration = Duration::from_secs(20);
+const IDENTITY: RobotIdentity = RobotIdentity { robot: 4, boot: 77 };
 const SHARED_KEY: &str = "a shared phrase";
 
 /// A cycle of a localized robot that detects a ball.
@@ -79,6 +80,9 @@ fn command(sequence: u64) -> Command {
         }),
         kick: None,
         needs_pose: false,
+        boot: IDENTITY.boot,
+        robot: IDENTITY.robot,
+        state_ns: 0,
     }
 }
 
@@ -160,7 +164,7 @@ fn state_is_sent_as_json_and_protobuf() {
             let text = format!("to = \"{to}\"\nformat = \"{format}\"\nrobot = 4\n");
             toml::from_str::<OutputConfig>(&text).expect("a configuration")
         });
-    let _sender = StateSender::start(&feed, &configs.collect::<Vec<_>>()).expect("a sender");
+    let _sender = StateSender::start(&feed, &configs.collect::<Vec<_>>(), None).expect("a sender");
     let cycle = localized_cycle(Stamp(7), 3.0, 1.0);
     feed.publish(&Arc::new(cycle.clone()));
     let mut datagram = [0; 65_536];
@@ -194,7 +198,7 @@ fn command_is_delivered_once_and_its_validity_is_capped() {
         sender.send(command).expect("received");
         kicks
     };
-    let commands = CommandListener::listen(&config, execute).expect("listening");
+    let commands = CommandListener::listen(&config, IDENTITY, execute).expect("listening");
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
     let send = |content: &[u8]| socket.send_to(content, commands.address()).expect("sent");
     let long = Command {
@@ -220,7 +224,9 @@ fn command_is_delivered_once_and_its_validity_is_capped() {
     let second = received.recv_timeout(TIMEOUT).expect("a command");
     assert!(!second.needs_pose && second.kick.is_none());
     let counts = CommandCounts {
-        obeyed: 1,
+        accepted: 1,
+        sent: 0,
+        obeyed: 0,
         overruled: 1,
         refused: BTreeMap::from([(RejectReason::Foreign, 1), (RejectReason::Old, 1)]),
     };
@@ -233,12 +239,12 @@ fn remote_commands_require_a_key() {
         bind: "0.0.0.0:0".to_owned(),
         ..CommandConfig::default()
     };
-    let error = CommandListener::listen(&config, |_| true)
+    let error = CommandListener::listen(&config, IDENTITY, |_| true)
         .err()
         .expect("rejected");
     assert!(error.to_string().contains("set a key"), "{error:#}");
     config.key = Some("short".to_owned());
-    assert!(CommandListener::listen(&config, |_| true).is_err());
+    assert!(CommandListener::listen(&config, IDENTITY, |_| true).is_err());
     assert!(toml::from_str::<NetworkConfig>("[comands]\n").is_err());
     let document = include_str!("../../../../docs/network.md");
     let example = document
@@ -249,6 +255,81 @@ fn remote_commands_require_a_key() {
     assert_eq!(example.commands, Some(CommandConfig::default()));
     assert_eq!(example.team, Some(TeamLinkConfig::default()));
     assert_eq!(example.stream, Some(crate::stream::StreamConfig::default()));
+}
+
+#[test]
+fn command_under_a_key_names_this_start_of_this_robot() {
+    let config = CommandConfig {
+        key: Some(SHARED_KEY.to_owned()),
+        ..CommandConfig::default()
+    };
+    let key = MacKey::new(SHARED_KEY).expect("a key");
+    let mut filter = CommandFilter::new(&config, IDENTITY).expect("a filter");
+    let mut accept = |command: Command, milliseconds: i64| {
+        let datagram = append_mac(command.encode_to_vec(), Some(&key));
+        let accepted = filter.accept(&datagram, Stamp(milliseconds * 1_000_000));
+        accepted.map(|_| ())
+    };
+    let unbound = Command {
+        boot: 0,
+        robot: 0,
+        ..command(1)
+    };
+    assert_eq!(accept(unbound, 0), Err(RejectReason::Unbound));
+    let other = Command {
+        robot: 5,
+        ..command(1)
+    };
+    assert_eq!(accept(other, 0), Err(RejectReason::Robot));
+    let before = Command {
+        boot: 76,
+        ..command(1)
+    };
+    assert_eq!(accept(before, 0), Err(RejectReason::Boot));
+    // What was rejected has not used up its sequence number.
+    assert_eq!(accept(command(1), 0), Ok(()));
+    let on_state = |sequence| Command {
+        state_ns: 1_000_000,
+        ..command(sequence)
+    };
+    assert_eq!(accept(on_state(2), 400), Ok(()));
+    assert_eq!(accept(on_state(3), 502), Err(RejectReason::Late));
+    // Without a key, a sender that names neither is accepted, but not one that names another robot.
+    let open = CommandConfig::default();
+    let mut filter = CommandFilter::new(&open, IDENTITY).expect("a filter");
+    let mut accept = |command: Command| {
+        filter
+            .accept(&command.encode_to_vec(), Stamp(0))
+            .map(|_| ())
+    };
+    assert_eq!(
+        accept(Command {
+            boot: 0,
+            robot: 0,
+            ..command(1)
+        }),
+        Ok(())
+    );
+    let other = Command {
+        boot: 0,
+        robot: 5,
+        ..command(2)
+    };
+    assert_eq!(accept(other), Err(RejectReason::Robot));
+}
+
+#[test]
+fn team_on_a_real_interface_requires_a_key() {
+    let mut config = TeamLinkConfig {
+        interface: std::net::Ipv4Addr::new(192, 168, 1, 20),
+        ..TeamLinkConfig::default()
+    };
+    let error = config.address().expect_err("rejected").to_string();
+    assert!(error.contains("set a key"), "{error}");
+    config.interface = std::net::Ipv4Addr::UNSPECIFIED;
+    assert!(config.address().is_err());
+    config.key = Some(SHARED_KEY.to_owned());
+    assert!(config.address().is_ok());
 }
 
 #[test]
@@ -335,9 +416,9 @@ proptest! {
             key: Some(SHARED_KEY.to_owned()),
             ..CommandConfig::default()
         };
-        let mut filter = CommandFilter::new(&config).expect("a filter");
+        let mut filter = CommandFilter::new(&config, IDENTITY).expect("a filter");
         let key = MacKey::new(SHARED_KEY).expect("a key");
-        prop_assert!(filter.accept(&noise, 0.0).is_err());
+        prop_assert!(filter.accept(&noise, Stamp(0)).is_err());
         let mut newest = None;
         // Commands in any order, repeated, and with a wrong byte.
         for (sequence, place, flip) in cuts {
@@ -346,10 +427,10 @@ proptest! {
             let mut broken = whole.clone();
             if let Some(byte) = broken.get_mut(place) {
                 *byte ^= flip;
-                prop_assert!(filter.accept(&broken, 0.0).is_err());
-                prop_assert!(filter.accept(&whole[..place], 0.0).is_err());
+                prop_assert!(filter.accept(&broken, Stamp(0)).is_err());
+                prop_assert!(filter.accept(&whole[..place], Stamp(0)).is_err());
             }
-            let result = filter.accept(&whole, 0.0);
+            let result = filter.accept(&whole, Stamp(0));
             let fresh = newest.is_none_or(|newest| sequence > newest);
             prop_assert_eq!(result.is_ok(), fresh);
             newest = newest.max(Some(sequence));

@@ -29,6 +29,9 @@ pub(crate) struct Args {
     /// Write the estimated poses in the format of `locate`; stamps are CLOCK_MONOTONIC.
     #[arg(long, value_name = "FILE.csv")]
     pub(super) out: Option<PathBuf>,
+    /// Write the ground map with what was learned about its errors (npz) when the run ends.
+    #[arg(long, value_name = "MAP.npz")]
+    pub(super) save_map: Option<PathBuf>,
     /// Stream the log's topics live to Foxglove, Lichtblick and `mirrorball view` (default: 127.0.0.1:8765).
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     pub(super) live: Option<SocketAddr>,

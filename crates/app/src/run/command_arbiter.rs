@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use hw::base::{Kick, MotionCommand};
+use hw::base::{CommandTally, Kick, MotionCommand};
 use localize::{Pose, Stamp};
 
 /// Maximum age of a pose for commands that need one, seconds: four images at 30 Hz.
@@ -43,6 +43,8 @@ pub(crate) enum CommandError {
 #[derive(Clone, Default)]
 pub(crate) struct CommandArbiter {
     state: Arc<Mutex<ArbiterState>>,
+    /// Counts the commands of other programs.
+    program_tally: Arc<CommandTally>,
 }
 
 #[derive(Default)]
@@ -80,6 +82,11 @@ impl CommandArbiter {
         self.lock().base = base;
     }
 
+    /// What the base took of the commands of other programs.
+    pub(crate) fn program_tally(&self) -> &CommandTally {
+        &self.program_tally
+    }
+
     /// Drives until the deadline (CLOCK_MONOTONIC) or the maximum command age of hardware.toml, whichever is earlier.
     ///
     /// With `needs_pose` the command ends 0.15 s after the last pose, and the wheels stop as soon as the pose is lost.
@@ -104,7 +111,7 @@ impl CommandArbiter {
             };
             deadline = deadline.min(until);
         }
-        Ok(base.drive(motion, deadline)?)
+        Ok(self.counted(base, source).drive(motion, deadline)?)
     }
 
     /// Kicks once, if that is possible before the deadline.
@@ -114,7 +121,16 @@ impl CommandArbiter {
         kick: Kick,
         deadline: Stamp,
     ) -> Result<(), CommandError> {
-        Ok(self.acquire_base(source)?.kick(kick, deadline)?)
+        let base = self.acquire_base(source)?;
+        Ok(self.counted(base, source).kick(kick, deadline)?)
+    }
+
+    /// The base with the counts of a source.
+    fn counted(&self, base: hw::BaseHandle, source: CommandSource) -> hw::BaseHandle {
+        match source {
+            CommandSource::Program => base.counting(&self.program_tally),
+            CommandSource::Path | CommandSource::Operator => base,
+        }
     }
 
     /// The base, if this source may command it now.

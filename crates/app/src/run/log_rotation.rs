@@ -1,7 +1,12 @@
 //! What happens when the disk is full? The log ends with a message, and a new file starts as soon as there is space.
+//!
+//! A thread of its own closes the failed file and opens the next, because both can take long on a bad disk.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
 
 use hw::realtime::lower_priority;
 use localize::{Field, Stamp};
@@ -9,10 +14,14 @@ use serde::Serialize;
 
 use pipeline::Cycle;
 use pipeline::feed::Pace;
-use pipeline::log::{Header, LogConfig, Recorder};
+use pipeline::log::{Header, LogConfig, LogStats, Recorder};
 
-/// Time between attempts to start a new log, seconds.
-const RETRY_PERIOD: f64 = 0.5;
+/// Shortest and longest time between attempts to start a new log. It doubles with each failure.
+const RETRY_PERIODS: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(30)];
+/// Time after which a waiting thread notices the end of the run.
+const CANCEL_PERIOD: Duration = Duration::from_millis(50);
+/// Largest number of a log that continues another.
+const NUMBER_MAX: u32 = 9999;
 
 /// Statistics of the logs of a run.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -39,13 +48,45 @@ pub(crate) struct FinishedLog {
 
 /// Writes the log of a run, in a new file after a failure.
 pub(crate) struct LogRotation {
+    plan: Arc<LogPlan>,
+    state: State,
+    retry_period: Duration,
+    summary: LogSummary,
+}
+
+/// Where and how a log is started.
+struct LogPlan {
     path: PathBuf,
     header: Header,
     field: Field,
     config: LogConfig,
-    recorder: Option<Recorder>,
-    next_attempt: Stamp,
-    summary: LogSummary,
+    /// True at the end of the run: no new file is started.
+    cancelled: AtomicBool,
+}
+
+enum State {
+    Writing(Recorder),
+    /// A thread closes the failed file and starts the next one. The number is that of the next cycle.
+    Reopening(JoinHandle<Reopened>, u64),
+    Ended,
+}
+
+/// Result of closing a file and starting the next.
+struct Reopened {
+    closed: ClosedFile,
+    /// None if the run ended first.
+    next: Option<(Recorder, PathBuf)>,
+    /// Time to wait before the next attempt, should this file fail too.
+    retry_period: Duration,
+}
+
+/// Result of closing a file.
+#[derive(Default)]
+struct ClosedFile {
+    stats: LogStats,
+    error: Option<String>,
+    /// True if the file held no cycle and was removed.
+    removed: bool,
 }
 
 impl LogRotation {
@@ -59,12 +100,15 @@ impl LogRotation {
         let recorder =
             Recorder::create_with(path, &header, field, (Pace::Live, config), lower_priority)?;
         Ok(LogRotation {
-            path: path.to_owned(),
-            header,
-            field: field.clone(),
-            config: config.clone(),
-            recorder: Some(recorder),
-            next_attempt: Stamp(0),
+            plan: Arc::new(LogPlan {
+                path: path.to_owned(),
+                header,
+                field: field.clone(),
+                config: config.clone(),
+                cancelled: AtomicBool::new(false),
+            }),
+            state: State::Writing(recorder),
+            retry_period: RETRY_PERIODS[0],
             summary: LogSummary {
                 files: vec![path.to_owned()],
                 ..LogSummary::default()
@@ -74,98 +118,220 @@ impl LogRotation {
 
     /// Writes a cycle. Returns a message if the log failed or a new one started.
     pub(crate) fn write_cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
-        let now = hw::now();
-        let mut message = None;
-        if self.recorder.is_none() && now > self.next_attempt {
-            self.next_attempt = now + RETRY_PERIOD;
-            message = self.open_next_file();
+        let message = self.take_reopened();
+        match &mut self.state {
+            State::Writing(recorder) => {
+                let Err(error) = recorder.record_cycle(cycle) else {
+                    return message;
+                };
+                self.summary.cycles_dropped += 1;
+                self.reopen();
+                Some(format!(
+                    "cannot write the log: {error:#}. The run continues without it"
+                ))
+            }
+            State::Reopening(_, next_index) => {
+                *next_index += 1;
+                self.summary.cycles_dropped += 1;
+                message
+            }
+            State::Ended => message,
         }
-        let Some(recorder) = &mut self.recorder else {
-            self.summary.cycles_dropped += 1;
-            return message;
-        };
-        if let Err(error) = recorder.record_cycle(cycle) {
-            self.summary.cycles_dropped += 1;
-            self.close_file();
-            self.next_attempt = now + RETRY_PERIOD;
-            return Some(format!(
-                "cannot write the log: {error:#}. The run continues without it"
-            ));
-        }
-        message
     }
 
     /// Writes a text message into the log.
     pub(crate) fn write_note(&self, stamp: Stamp, text: &str) {
-        if let Some(recorder) = &self.recorder {
+        if let State::Writing(recorder) = &self.state {
             recorder.note(stamp, text);
         }
     }
 
     /// Writes the pending cycles and closes the log.
     pub(crate) fn finish(mut self) -> FinishedLog {
-        let error = self.close_file();
+        self.plan.cancelled.store(true, Ordering::Relaxed);
+        let mut error = None;
+        match std::mem::replace(&mut self.state, State::Ended) {
+            State::Writing(recorder) => {
+                let path = self.summary.files.last().cloned().unwrap_or_default();
+                let closed = close_file(recorder, &path);
+                error = self.count_closed(closed);
+            }
+            State::Reopening(thread, _) => {
+                if let Ok(reopened) = thread.join() {
+                    error = self.count_closed(reopened.closed);
+                    if let Some((recorder, path)) = reopened.next {
+                        // Started, but without a cycle.
+                        self.summary.files.push(path.clone());
+                        let closed = close_file(recorder, &path);
+                        error = error.or(self.count_closed(closed));
+                    }
+                }
+            }
+            State::Ended => {}
+        }
         FinishedLog {
             summary: self.summary,
             error,
         }
     }
 
-    /// Closes the current file and returns the error, if any. A file without cycles is removed.
-    fn close_file(&mut self) -> Option<String> {
-        let recorder = self.recorder.take()?;
-        let flushed_cycles = recorder.flushed_cycles();
-        match recorder.finish() {
-            Ok(written) => {
-                self.summary.cycles += written.cycles;
-                self.summary.images += written.images;
-                self.summary.cycles_dropped += written.dropped.cycles;
-                self.summary.images_dropped += written.dropped.images;
-                None
-            }
-            Err(error) => {
-                self.summary.cycles += flushed_cycles;
-                if flushed_cycles == 0
-                    && let Some(path) = self.summary.files.pop()
-                {
-                    let _gone = std::fs::remove_file(path);
+    /// Closes the failed file and starts the next one, in a thread of its own.
+    fn reopen(&mut self) {
+        let State::Writing(recorder) = std::mem::replace(&mut self.state, State::Ended) else {
+            return;
+        };
+        let next_index = recorder.next_index();
+        let plan = self.plan.clone();
+        let path = self.summary.files.last().cloned().unwrap_or_default();
+        let waited = self.retry_period;
+        let thread = std::thread::Builder::new()
+            .name("log-reopen".to_owned())
+            .spawn(move || {
+                lower_priority();
+                let closed = close_file(recorder, &path);
+                // A file that held cycles shows that there was space.
+                let first = if closed.removed {
+                    waited
+                } else {
+                    RETRY_PERIODS[0]
+                };
+                let (next, retry_period) = open_next_file(&plan, first, &path);
+                Reopened {
+                    closed,
+                    next,
+                    retry_period,
                 }
-                Some(format!("cannot close the log: {error:#}"))
-            }
+            });
+        if let Ok(thread) = thread {
+            self.state = State::Reopening(thread, next_index);
         }
     }
 
-    fn open_next_file(&mut self) -> Option<String> {
-        let path = match self.summary.files.len() {
-            0 => self.path.clone(),
-            files => numbered(&self.path, files + 1),
+    /// Goes on in the next file if it has been started. Returns a message then.
+    fn take_reopened(&mut self) -> Option<String> {
+        if !matches!(&self.state, State::Reopening(thread, _) if thread.is_finished()) {
+            return None;
+        }
+        let State::Reopening(thread, next_index) = std::mem::replace(&mut self.state, State::Ended)
+        else {
+            return None;
         };
-        match Recorder::create_with(
-            &path,
-            &self.header,
-            &self.field,
-            (Pace::Live, &self.config),
-            lower_priority,
-        ) {
-            Ok(recorder) => {
-                self.recorder = Some(recorder);
-                self.summary.files.push(path.clone());
-                Some(format!("the log continues in {}", path.display()))
+        let reopened = thread.join().ok()?;
+        self.count_closed(reopened.closed);
+        self.retry_period = reopened.retry_period;
+        let (mut recorder, path) = reopened.next?;
+        recorder.set_next_index(next_index);
+        self.state = State::Writing(recorder);
+        let message = format!("the log continues in {}", path.display());
+        self.summary.files.push(path);
+        Some(message)
+    }
+
+    /// Adds the counts of a closed file. Returns its error, if any.
+    fn count_closed(&mut self, closed: ClosedFile) -> Option<String> {
+        if closed.removed {
+            self.summary.files.pop();
+        }
+        self.summary.cycles += closed.stats.cycles;
+        self.summary.images += closed.stats.images;
+        self.summary.cycles_dropped += closed.stats.dropped.cycles;
+        self.summary.images_dropped += closed.stats.dropped.images;
+        closed.error
+    }
+}
+
+/// Closes a file of this run. Removes it if nothing of it reached the disk.
+fn close_file(recorder: Recorder, path: &Path) -> ClosedFile {
+    let flushed_cycles = recorder.flushed_cycles();
+    match recorder.finish() {
+        Ok(stats) => ClosedFile {
+            stats,
+            ..ClosedFile::default()
+        },
+        Err(error) => {
+            let removed = flushed_cycles == 0;
+            if removed {
+                let _gone = std::fs::remove_file(path);
             }
-            Err(_) => {
-                // The file has no complete header. The failure has been reported before.
-                let _gone = std::fs::remove_file(&path);
-                None
+            ClosedFile {
+                stats: LogStats {
+                    cycles: flushed_cycles,
+                    ..LogStats::default()
+                },
+                error: Some(format!("cannot close the log: {error:#}")),
+                removed,
             }
         }
     }
 }
 
-/// game.mcap, game.2.mcap, game.3.mcap...
-fn numbered(path: &Path, number: usize) -> PathBuf {
+/// Starts the next file as soon as the disk has space. Returns it with the period for the next attempt.
+///
+/// The file has a name that was free, so that files of earlier runs are never touched.
+fn open_next_file(
+    plan: &LogPlan,
+    mut period: Duration,
+    previous: &Path,
+) -> (Option<(Recorder, PathBuf)>, Duration) {
+    let previous = previous.file_name().unwrap_or_default().to_string_lossy();
+    let header = plan.header.clone().continuing(&previous);
+    loop {
+        let mut waited = Duration::ZERO;
+        while waited < period && !plan.cancelled.load(Ordering::Relaxed) {
+            std::thread::sleep(CANCEL_PERIOD);
+            waited += CANCEL_PERIOD;
+        }
+        if plan.cancelled.load(Ordering::Relaxed) {
+            return (None, period);
+        }
+        period = (2 * period).min(RETRY_PERIODS[1]);
+        let Some(path) = create_numbered(&plan.path) else {
+            continue;
+        };
+        let how = (Pace::Live, &plan.config);
+        match Recorder::create_with(&path, &header, &plan.field, how, lower_priority) {
+            Ok(recorder) => return (Some((recorder, path)), period),
+            Err(_) => {
+                // It is this run's own, without a complete header. The failure has been reported before.
+                let _gone = std::fs::remove_file(&path);
+            }
+        }
+    }
+}
+
+/// Creates game.2.mcap, game.3.mcap, …: the first name that is free. None if no file can be created.
+fn create_numbered(path: &Path) -> Option<PathBuf> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let end = path
         .extension()
         .map_or_else(String::new, |end| format!(".{}", end.to_string_lossy()));
-    path.with_file_name(format!("{stem}.{number}{end}"))
+    for number in 2..=NUMBER_MAX {
+        let path = path.with_file_name(format!("{stem}.{number}{end}"));
+        match std::fs::File::create_new(&path) {
+            Ok(_) => return Some(path),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(_) => return None,
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn next_log_takes_a_free_number_and_leaves_other_files_alone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("game.mcap");
+        let earlier = folder.path().join("game.2.mcap");
+        std::fs::write(&earlier, "of an earlier run").expect("written");
+        let next = create_numbered(&path).expect("a file");
+        assert_eq!(next, folder.path().join("game.3.mcap"));
+        assert_eq!(
+            std::fs::read(&earlier).expect("there"),
+            b"of an earlier run"
+        );
+        assert_eq!(create_numbered(&folder.path().join("none/game.mcap")), None);
+    }
 }

@@ -2,6 +2,7 @@
 
 mod arguments;
 pub(crate) mod command_arbiter;
+mod exposure_control;
 pub(crate) mod latency;
 pub(crate) mod log_rotation;
 pub(crate) mod network;
@@ -13,6 +14,7 @@ pub(crate) mod status;
 pub(crate) mod stderr_writer;
 pub(crate) mod stop_flag;
 pub(crate) mod teleop;
+pub(crate) mod tuning;
 
 use anyhow::Result;
 use serde::Serialize;

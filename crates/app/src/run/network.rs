@@ -4,15 +4,16 @@ use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, ensure};
-use hw::base::{Kick, MotionCommand};
-use localize::Stamp;
+use hw::base::{CommandTally, Kick, MotionCommand};
 use localize::omni::Twist;
 use localize::team::TeamReport;
 
 use super::command_arbiter::{CommandArbiter, CommandError, CommandSource};
+use super::tuning::TuningDesk;
 use crate::net::commands::CommandCounts;
 use crate::net::{Network, NetworkConfig, RemoteCommand};
 use crate::stream::{StreamConfig, StreamPreamble};
+use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 
 /// The network configuration in the robot's folder.
@@ -60,15 +61,15 @@ impl RunNetwork {
         config: &NetworkConfig,
         feed: &Feed,
         preamble: StreamPreamble<'_>,
+        tuning: Option<TuningDesk>,
         arbiter: &CommandArbiter,
     ) -> Result<Self> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH);
         let session = since.map_or(0, |since| since.as_nanos() as u64);
         let arbiter = arbiter.clone();
         // The reason of a rejection is not reported: the sender sees that the wheels do not turn.
-        let execute =
-            move |command: RemoteCommand| execute_command(&arbiter, command, hw::now()).is_ok();
-        let network = config.start(feed, preamble, session, hw::now, execute)?;
+        let execute = move |command: RemoteCommand| execute_command(&arbiter, command).is_ok();
+        let network = config.start(feed, (preamble, tuning), session, hw::now, execute)?;
         Ok(RunNetwork { network })
     }
 
@@ -80,22 +81,40 @@ impl RunNetwork {
             .flat_map(crate::net::TeamTransport::received_reports)
     }
 
-    /// Counts of remote commands. None if remote commands are not configured.
-    pub(super) fn command_counts(&self) -> Option<CommandCounts> {
+    /// The clocks of the team-mates. None if there is no team.
+    pub(super) fn team_clocks(&self) -> Option<Vec<TeamClock>> {
         self.network
-            .commands
+            .team
             .as_ref()
-            .map(|commands| commands.counts())
+            .map(crate::net::TeamTransport::clocks)
+    }
+
+    /// Counts of remote commands. None if remote commands are not configured.
+    ///
+    /// `tally`: what the base took of them.
+    pub(super) fn command_counts(&self, tally: &CommandTally) -> Option<CommandCounts> {
+        let commands = self.network.commands.as_ref()?;
+        Some(CommandCounts {
+            sent: tally.sent(),
+            obeyed: tally.confirmed(),
+            ..commands.counts()
+        })
+    }
+
+    /// Messages for the operator since the last call.
+    pub(super) fn take_notices(&self) -> Vec<String> {
+        let commands = self.network.commands.iter();
+        let stream = self.network.stream.iter();
+        commands
+            .flat_map(|commands| commands.take_notices())
+            .chain(stream.flat_map(|stream| stream.take_notices()))
+            .collect()
     }
 }
 
-/// Executes another program's command received at `now`.
-fn execute_command(
-    arbiter: &CommandArbiter,
-    command: RemoteCommand,
-    now: Stamp,
-) -> Result<(), CommandError> {
-    let deadline = now + command.valid_for.as_secs_f64();
+/// Executes another program's command until its deadline.
+fn execute_command(arbiter: &CommandArbiter, command: RemoteCommand) -> Result<(), CommandError> {
+    let deadline = command.deadline;
     if let Some(kick) = command.kick {
         let kick = Kick {
             speed: kick.speed,

@@ -1,6 +1,6 @@
 //! What happens between start and stop? Samples of devices go through the pipeline; the wheels stop before anything else ends.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -13,6 +13,7 @@ use localize::Stamp;
 
 use super::arguments::Args;
 use super::command_arbiter::CommandArbiter;
+use super::exposure_control::ExposureControl;
 use super::log_rotation::LogRotation;
 use super::network::{self, RunNetwork};
 use super::patrol::Patrol;
@@ -21,14 +22,19 @@ use super::robot_folder::RobotFolder;
 use super::status::{OperatorNotices, RunOutcome, RunReport, RunStatus};
 use super::stop_flag::StopFlag;
 use super::teleop;
+use super::tuning::Tuning;
 use crate::memory::{self, RUN_RETAINED_BYTES};
-use crate::stream::StreamPreamble;
+use crate::stream::{StreamConfig, StreamPreamble};
 use pipeline::config::PIPELINE_FILE;
+use pipeline::corrected_map;
+use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
+use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Cycle, Pipeline, PipelineConfig};
+use vision::exposure::ExposureCommand;
 
 /// Capacity of the queue of device events: more than a second of every device.
 const EVENT_QUEUE_CAPACITY: usize = 1024;
@@ -36,6 +42,10 @@ const EVENT_QUEUE_CAPACITY: usize = 1024;
 const EVENT_TIMEOUT: Duration = Duration::from_millis(20);
 /// Without an image for this time the pipeline runs a cycle without one, seconds: six images at 30 Hz.
 const IMAGE_TIMEOUT: f64 = 0.2;
+/// Time between notes about the clocks of team-mates, seconds.
+const CLOCK_NOTE_PERIOD: f64 = 30.0;
+/// Smallest step of the wall clock that is reported, seconds.
+const WALL_CLOCK_STEP_MIN: f64 = 0.1;
 /// Time for the bus to take the last stop command.
 const STOP_TIMEOUT: Duration = Duration::from_millis(300);
 
@@ -45,16 +55,19 @@ const POSE_QUEUE_CAPACITY: usize = 300;
 /// A run with everything that it needs.
 pub(super) struct RunLoop {
     robot: RobotFolder,
+    config: PipelineConfig,
     pipeline: Pipeline,
     log: Option<LogRotation>,
     pose_writer: Option<PoseWriter>,
     feed: Feed,
     arbiter: CommandArbiter,
     network: RunNetwork,
+    tuning: Option<Tuning>,
     patrol: Option<Patrol>,
     teleop: bool,
     realtime: Option<i32>,
     duration: f64,
+    save_map: Option<PathBuf>,
 }
 
 impl RunLoop {
@@ -86,20 +99,32 @@ impl RunLoop {
             header: &header,
             field,
         };
-        let network = RunNetwork::start(&network_config, &feed, preamble, &arbiter)?;
+        let start_tuning = |stream: &StreamConfig| {
+            Tuning::start(robot.setup.clone(), &config, stream.key.as_deref())
+        };
+        let tuned = network_config
+            .stream
+            .as_ref()
+            .filter(|stream| stream.tuning);
+        let tuning = tuned.map(start_tuning).transpose()?;
+        let desk = tuning.as_ref().map(Tuning::desk);
+        let network = RunNetwork::start(&network_config, &feed, preamble, desk, &arbiter)?;
         let pose_writer = args.out.as_deref().map(PoseWriter::start).transpose()?;
         Ok(RunLoop {
             robot,
+            config,
             pipeline,
             log,
             pose_writer,
             feed,
             arbiter,
             network,
+            tuning,
             patrol,
             teleop: args.teleop,
             realtime: args.realtime,
             duration: args.duration.unwrap_or(f64::INFINITY),
+            save_map: args.save_map.clone(),
         })
     }
 
@@ -122,24 +147,51 @@ impl RunLoop {
             .attach_base(devices.base.as_ref().map(BaseDriver::handle));
         let motion_thread = self.start_motion_thread(stop)?;
         status.print_line(&start_message(&self.robot.hardware, self.teleop));
+        let exposure = ExposureControl::start(&devices, self.robot.setup.robot.exposure);
         let mut state = RunState::new();
         while !stop.is_raised() && status.elapsed() < self.duration {
             if let Some(event) = events.pop_timeout(EVENT_TIMEOUT) {
                 self.handle_event(event, &mut state, &mut status);
             }
+            exposure.command_camera(state.camera_command.take());
+            self.take_tuned_pipeline(&mut status);
             if let Some(image) = state.missing_image(hw::now()) {
                 self.process_sample(Sample::Image(image), &mut state, &mut status);
+            }
+            if let Some(step) = state.wall_clock_step() {
+                let text = format!(
+                    "the wall clock was set by {step:+.3} s: the times of the log go on by the clock of its start"
+                );
+                status.print_line(&text);
+                self.write_note(&text);
+            }
+            if state.is_clock_note_due(hw::now()) {
+                for clock in self.network.team_clocks().into_iter().flatten() {
+                    self.write_note(&clock_note(clock));
+                }
+            }
+            for text in self.network.take_notices() {
+                status.print_line(&text);
+                self.write_note(&text);
             }
             status.update_status_line(state.last_cycle.as_deref(), || devices.health());
         }
         let wheels_stopped = self.arbiter.close(STOP_TIMEOUT);
-        let commands = self.network.command_counts();
+        let commands = self.network.command_counts(self.arbiter.program_tally());
+        let team = self.network.team_clocks();
         stop.raise();
         let health = devices.health();
         drop(devices);
         if let Some(thread) = motion_thread {
             // A panic has been reported, and the wheels have stopped.
             let _ended = thread.join();
+        }
+        if let Some(path) = &self.save_map {
+            let saved = corrected_map::save(&self.robot.setup, &self.pipeline, path);
+            status.print_line(&match saved {
+                Ok(()) => format!("corrected map: {}", path.display()),
+                Err(error) => format!("cannot write {}: {error:#}", path.display()),
+            });
         }
         if let Some(error) = self.pose_writer.and_then(PoseWriter::finish) {
             status.report_log_change(&error);
@@ -151,11 +203,21 @@ impl RunLoop {
             }
             finished.summary
         });
+        // The wheels have stopped: the trials of other set-ups take seconds.
+        let setup = setup_check::check(
+            &self.robot.setup,
+            &self.config,
+            &state.keyframes.keyframes(),
+            Vec::new(),
+            Effort::Brief,
+        );
         Ok(status.into_report(RunOutcome {
+            warnings: setup.warnings,
             dropped: events.drop_counts(),
             samples_refused: state.samples_refused,
             wheels_stopped,
             commands,
+            team,
             devices: health,
             log,
         }))
@@ -217,8 +279,10 @@ impl RunLoop {
             return;
         };
         self.arbiter.set_pose(cycle.stamp, cycle.estimate.pose);
+        state.camera_command = cycle.camera_command().or(state.camera_command.take());
         let published = hw::now();
         status.count_cycle(&cycle, received, published);
+        state.keyframes.add_cycle(&cycle);
         let cycle = Arc::new(cycle);
         self.feed.publish(&cycle);
         if let Some(poses) = &self.pose_writer {
@@ -234,6 +298,17 @@ impl RunLoop {
         state.last_cycle = Some(cycle);
     }
 
+    /// Goes on with changed settings, if their pipeline is ready.
+    fn take_tuned_pipeline(&mut self, status: &mut RunStatus) {
+        let prepared = self.tuning.as_ref().and_then(Tuning::take_prepared);
+        let Some(prepared) = prepared else { return };
+        self.pipeline
+            .replace_by(prepared.pipeline, prepared.settings.into());
+        let text = format!("settings changed over the stream: {}", prepared.changes);
+        status.report_settings(&text);
+        self.write_note(&text);
+    }
+
     fn write_note(&self, text: &str) {
         if let Some(log) = &self.log {
             log.write_note(hw::now(), text);
@@ -241,11 +316,24 @@ impl RunLoop {
     }
 }
 
+fn clock_note(clock: TeamClock) -> String {
+    let TeamClock {
+        robot,
+        clock_offset_ns,
+        clock_uncertainty_ns,
+    } = clock;
+    let uncertainty = clock_uncertainty_ns.map_or("unknown".to_owned(), |bound| bound.to_string());
+    format!(
+        "clock of robot {robot}: own minus its {clock_offset_ns} ns, uncertainty {uncertainty} ns"
+    )
+}
+
 /// Header of log and stream: the run's configuration.
 fn header(robot: &RobotFolder, config: &PipelineConfig) -> Result<Header> {
     let setup = &robot.setup;
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let header = Header::new(&format!("run {}", robot.folder.display()), None)
+        .with_clock_offset_ns(hw::realtime_offset_ns())
         .with_robot(&setup.robot, map, setup.colours.as_ref())?
         .with_file(PIPELINE_FILE, config.to_table()?.to_string())
         .with_file("hardware.toml", toml::to_string(&robot.hardware)?);
@@ -273,33 +361,65 @@ fn start_message(hardware: &HardwareConfig, teleop: bool) -> String {
 /// State of the loop between events.
 struct RunState {
     last_cycle: Option<Arc<Cycle>>,
+    /// Command for the camera that was not sent yet.
+    camera_command: Option<ExposureCommand>,
     /// Time of the last image, or of the last cycle in place of one.
     last_image: Stamp,
     notices: OperatorNotices,
+    /// Wall-clock time at the zero of the stamps, nanoseconds.
+    clock_offset_ns: i64,
+    next_clock_note: Stamp,
     /// Samples with values that are not finite.
     samples_refused: u64,
+    /// For the check of the set-up at the end.
+    keyframes: KeyframeCollector,
 }
 
 impl RunState {
     fn new() -> Self {
         RunState {
             last_cycle: None,
+            camera_command: None,
             last_image: hw::now(),
             notices: OperatorNotices::default(),
+            clock_offset_ns: hw::realtime_offset_ns(),
+            next_clock_note: hw::now() + CLOCK_NOTE_PERIOD,
             samples_refused: 0,
+            keyframes: KeyframeCollector::default(),
         }
+    }
+
+    fn is_clock_note_due(&mut self, now: Stamp) -> bool {
+        let is_due = now > self.next_clock_note;
+        if is_due {
+            self.next_clock_note = now + CLOCK_NOTE_PERIOD;
+        }
+        is_due
+    }
+
+    /// Seconds by which the wall clock was set since the last call, if it was.
+    fn wall_clock_step(&mut self) -> Option<f64> {
+        let offset_ns = hw::realtime_offset_ns();
+        let step = (offset_ns - self.clock_offset_ns) as f64 * 1e-9;
+        // Slewing by NTP is followed silently.
+        self.clock_offset_ns = offset_ns;
+        (step.abs() > WALL_CLOCK_STEP_MIN).then_some(step)
     }
 
     fn camera_image(&mut self, image: CapturedImage) -> CameraImage {
         self.last_image = hw::now();
-        let stamp = image.stamp;
+        let (stamp, setting) = (image.stamp, image.setting);
         // An old image does not show the current pose.
         let content = if image.repeated {
             ImageContent::Unreadable("the camera repeats its image".to_owned())
         } else {
             ImageContent::Pixels(SourceImage::Raw(raw_image(image)))
         };
-        CameraImage { stamp, content }
+        CameraImage {
+            stamp,
+            setting,
+            content,
+        }
     }
 
     /// An empty image in place of a missing one, so that odometry predicts the pose. None before the timeout.
@@ -310,6 +430,7 @@ impl RunState {
         self.last_image = now;
         Some(CameraImage {
             stamp: now,
+            setting: None,
             content: ImageContent::Unreadable("no image from the camera".to_owned()),
         })
     }
@@ -324,9 +445,11 @@ fn is_finite(sample: &Sample) -> bool {
             .iter()
             .chain(&imu.rate)
             .all(|value| value.is_finite()),
-        Sample::Command(_) | Sample::TeamReport(_) | Sample::GroundTruth(_) | Sample::Image(_) => {
-            true
-        }
+        Sample::Command(_)
+        | Sample::TeamReport(_)
+        | Sample::GroundTruth(_)
+        | Sample::Settings(_)
+        | Sample::Image(_) => true,
     }
 }
 

@@ -12,6 +12,7 @@ use super::log_rotation::LogSummary;
 use super::stderr_writer::StderrWriter;
 use crate::net::commands::CommandCounts;
 use pipeline::Cycle;
+use pipeline::datagram::TeamClock;
 use pipeline::result_files::mode_name;
 
 /// Period of the status line on a terminal, seconds.
@@ -62,12 +63,16 @@ pub(crate) struct RunReport {
     pub wheels_stopped: bool,
     /// Counts of remote commands, if they are configured.
     pub commands: Option<CommandCounts>,
+    /// Clocks of the team-mates, if there is a team.
+    pub team: Option<Vec<TeamClock>>,
     /// State of every device.
     pub devices: Vec<HealthReport>,
     /// Every change of a device or the log, in order.
     pub changes: Vec<StateChange>,
     /// The log, if there was one.
     pub log: Option<LogSummary>,
+    /// Sentences about a doubtful set-up; empty when all is well.
+    pub warnings: Vec<String>,
 }
 
 /// A change of a device or the log.
@@ -93,10 +98,14 @@ pub(crate) struct RunOutcome {
     pub wheels_stopped: bool,
     /// Counts of remote commands, if they are configured.
     pub commands: Option<CommandCounts>,
+    /// Clocks of the team-mates, if there is a team.
+    pub team: Option<Vec<TeamClock>>,
     /// State of every device.
     pub devices: Vec<HealthReport>,
     /// The log, if there was one.
     pub log: Option<LogSummary>,
+    /// Sentences about a doubtful set-up.
+    pub warnings: Vec<String>,
 }
 
 /// Numbers of cycles by mode.
@@ -189,6 +198,12 @@ impl RunStatus {
     /// Reports a change of the log.
     pub(crate) fn report_log_change(&mut self, text: &str) {
         self.record_change("log", "changed", Some(text.to_owned()));
+        self.print_line(text);
+    }
+
+    /// Reports changed settings.
+    pub(crate) fn report_settings(&mut self, text: &str) {
+        self.record_change("settings", "changed", Some(text.to_owned()));
         self.print_line(text);
     }
 
@@ -310,9 +325,11 @@ impl RunStatus {
             memory_mb: memory_mb(),
             wheels_stopped: outcome.wheels_stopped,
             commands: outcome.commands,
+            team: outcome.team,
             devices: outcome.devices,
             changes: self.changes,
             log: outcome.log,
+            warnings: outcome.warnings,
         }
     }
 }
@@ -341,6 +358,9 @@ impl RunReport {
         times("  vision", self.see_ms);
         times("  localization", self.localize_ms);
         println!("{:.1} MB of memory", self.memory_mb);
+        for warning in &self.warnings {
+            eprintln!("warning: {warning}");
+        }
         for health in &self.devices {
             println!(
                 "{}: {}, {} messages, {} damaged, {} faults, reopened {} times",
@@ -355,8 +375,8 @@ impl RunReport {
         if let Some(commands) = &self.commands {
             let refused: u64 = commands.refused.values().sum();
             println!(
-                "remote commands: {} executed, {} overruled, {refused} rejected",
-                commands.obeyed, commands.overruled
+                "remote commands: {} accepted, {} sent, {} confirmed by the base, {} overruled, {refused} rejected",
+                commands.accepted, commands.sent, commands.obeyed, commands.overruled
             );
         }
         for file in self.log.iter().flat_map(|log| &log.files) {

@@ -1,6 +1,6 @@
 //! How is another robot's live stream read? Messages of the stream become cycles.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::ErrorKind;
 use std::net::{TcpStream, ToSocketAddrs};
 use std::path::Path;
@@ -14,6 +14,7 @@ use tungstenite::handshake::HandshakeError;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
 
+use super::parameters::{MESSAGE, NONCE, OVERLAY, SEAL};
 use pipeline::log::read::{CycleAssembler, TopicKind};
 use pipeline::log::schema::{ABOUT_TOPIC, CYCLE_TOPIC, IMAGE_TOPIC, wire};
 use pipeline::log::{Header, LoggedCycle};
@@ -27,6 +28,12 @@ const MESSAGE_DATA: u8 = 1;
 pub(crate) struct StreamClient {
     socket: WebSocket<TcpStream>,
     address: String,
+    messages: StreamMessages,
+}
+
+/// The messages of a live stream, as a client reads them: which channels there are, and the cycles assembled from them.
+#[derive(Default)]
+pub struct StreamMessages {
     /// By subscription id.
     topics: HashMap<u32, SubscribedTopic>,
     assembler: CycleAssembler,
@@ -34,11 +41,22 @@ pub(crate) struct StreamClient {
 
 /// A received event.
 #[derive(Debug)]
-pub(crate) enum StreamEvent {
+pub enum StreamEvent {
     /// The header of a log of this run. Comes first, and again whenever another viewer subscribes.
     Header(Box<Header>),
     /// A cycle, with its encoded image if the stream carries images.
     Cycle(Box<LoggedCycle>),
+    /// Texts about the settings by their names ([`NONCE`], [`MESSAGE`]).
+    Settings(BTreeMap<String, String>),
+}
+
+/// What a text message of the server leads to.
+#[derive(Debug)]
+pub enum TextAnswer {
+    /// A request to send.
+    Request(String),
+    /// A received event.
+    Event(StreamEvent),
 }
 
 #[derive(Clone, Copy)]
@@ -53,6 +71,15 @@ struct ServerMessage {
     op: String,
     #[serde(default)]
     channels: Vec<AdvertisedChannel>,
+    #[serde(default)]
+    parameters: Vec<ParameterUpdate>,
+}
+
+#[derive(Deserialize)]
+struct ParameterUpdate {
+    name: String,
+    #[serde(default)]
+    value: serde_json::Value,
 }
 
 #[derive(Deserialize)]
@@ -83,8 +110,7 @@ impl StreamClient {
         Ok(StreamClient {
             socket,
             address: host_port.to_owned(),
-            topics: HashMap::new(),
-            assembler: CycleAssembler::default(),
+            messages: StreamMessages::default(),
         })
     }
 
@@ -99,8 +125,8 @@ impl StreamClient {
             let left = left.max(Duration::from_millis(1));
             self.socket.get_ref().set_read_timeout(Some(left))?;
             let event = match self.socket.read() {
-                Ok(Message::Text(text)) => self.handle_text(&text).map(|()| None),
-                Ok(Message::Binary(bytes)) => self.handle_binary(&bytes),
+                Ok(Message::Text(text)) => self.handle_text(&text),
+                Ok(Message::Binary(bytes)) => self.messages.read_binary(&bytes, &self.address),
                 Ok(Message::Close(_)) => Err(anyhow!("the stream has ended")),
                 Ok(_) => Ok(None),
                 Err(tungstenite::Error::Io(error))
@@ -119,12 +145,62 @@ impl StreamClient {
         }
     }
 
-    /// Subscribes to the topics of a cycle when the server advertises its channels.
-    fn handle_text(&mut self, text: &str) -> Result<()> {
+    /// Asks for the texts about the settings now, and whenever they change. A robot without tuning does not answer.
+    pub(crate) fn request_settings(&mut self) -> Result<()> {
+        for op in ["subscribeParameterUpdates", "getParameters"] {
+            self.send_json(&serde_json::json!({
+                "op": op,
+                "parameterNames": [NONCE, MESSAGE],
+                "id": "settings",
+            }))?;
+        }
+        Ok(())
+    }
+
+    /// Requests changed settings (an overlay in TOML) with their seal, if the robot has a key.
+    pub(crate) fn change_settings(&mut self, overlay: &str, seal: Option<&str>) -> Result<()> {
+        let mut parameters = vec![serde_json::json!({ "name": OVERLAY, "value": overlay })];
+        parameters.extend(seal.map(|seal| serde_json::json!({ "name": SEAL, "value": seal })));
+        self.send_json(&serde_json::json!({
+            "op": "setParameters",
+            "parameters": parameters,
+            "id": "settings",
+        }))
+    }
+
+    fn send_json(&mut self, message: &serde_json::Value) -> Result<()> {
+        Ok(self.socket.send(Message::text(message.to_string()))?)
+    }
+
+    fn handle_text(&mut self, text: &str) -> Result<Option<StreamEvent>> {
+        match self.messages.read_text(text)? {
+            Some(TextAnswer::Request(request)) => {
+                self.socket.send(Message::text(request))?;
+                Ok(None)
+            }
+            Some(TextAnswer::Event(event)) => Ok(Some(event)),
+            None => Ok(None),
+        }
+    }
+}
+
+impl StreamMessages {
+    /// The request that subscribes to the topics of a cycle when the server advertises its channels, or texts about the
+    /// settings.
+    pub fn read_text(&mut self, text: &str) -> Result<Option<TextAnswer>> {
         let message: ServerMessage =
             serde_json::from_str(text).context("not a message of Foxglove's protocol")?;
+        if message.op == "parameterValues" {
+            let texts = message.parameters.into_iter().filter_map(|parameter| {
+                let known = [NONCE, MESSAGE].contains(&parameter.name.as_str());
+                let text = parameter.value.as_str().filter(|_| known)?.to_owned();
+                Some((parameter.name, text))
+            });
+            let event = StreamEvent::Settings(texts.collect());
+            return Ok(Some(TextAnswer::Event(event)));
+        }
         if message.op != "advertise" {
-            return Ok(());
+            return Ok(None);
         }
         let mut subscriptions = Vec::new();
         for AdvertisedChannel { id, topic } in message.channels {
@@ -140,12 +216,13 @@ impl StreamClient {
             op: "subscribe",
             subscriptions,
         };
-        self.socket
-            .send(Message::text(serde_json::to_string(&subscribe)?))?;
-        Ok(())
+        Ok(Some(TextAnswer::Request(serde_json::to_string(
+            &subscribe,
+        )?)))
     }
 
-    fn handle_binary(&mut self, bytes: &[u8]) -> Result<Option<StreamEvent>> {
+    /// The event of a binary message, if it completes one. `address` names the sender in errors.
+    pub fn read_binary(&mut self, bytes: &[u8], address: &str) -> Result<Option<StreamEvent>> {
         let Some((&MESSAGE_DATA, rest)) = bytes.split_first() else {
             return Ok(None);
         };
@@ -158,7 +235,7 @@ impl StreamClient {
         Ok(match self.topics.get(&u32::from_le_bytes(*id)) {
             Some(SubscribedTopic::About) => {
                 let about = wire::About::decode(data)?;
-                let header = Header::from_message(about, Path::new(&self.address))?;
+                let header = Header::from_message(about, Path::new(address))?;
                 Some(StreamEvent::Header(Box::new(header)))
             }
             Some(SubscribedTopic::Log(topic)) => self

@@ -4,10 +4,16 @@
 
 mod client;
 mod config;
+mod frame_meter;
+mod guard;
+mod handshake_request;
+mod parameters;
 mod server;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use client::{StreamClient, StreamEvent};
+pub(crate) use client::StreamClient;
+pub use client::{StreamEvent, StreamMessages, TextAnswer};
 pub(crate) use config::StreamConfig;
+pub(crate) use parameters::{MESSAGE, NONCE};
 pub(crate) use server::{StreamPreamble, StreamServer};

@@ -1,20 +1,27 @@
 //! How do viewers get the stream? A thread publishes the cycles of the feed to subscribers; without subscribers it costs nothing.
 
-use std::sync::Arc;
+use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result};
 use foxglove::websocket::{ChannelView, Client, ServerListener};
-use foxglove::{WebSocketServer, WebSocketServerHandle};
+use foxglove::{SinkId, WebSocketServer, WebSocketServerHandle};
 use localize::{Field, Stamp};
 
 use super::config::StreamConfig;
+use super::guard::{Guard, GuardedServer};
+use super::parameters::{SettingsHandler, all_parameters};
+use crate::run::tuning::TuningDesk;
 use pipeline::feed::{Feed, RecvError, Subscription};
 use pipeline::log::Header;
 use pipeline::log::publisher::CyclePublisher;
-use pipeline::log::schema::{ABOUT_TOPIC, Context, CustomChannel, PROJECT_NAME, Topics, wire};
+use pipeline::log::schema::{
+    ABOUT_TOPIC, Context, CustomChannel, FIELD_LINES_TOPIC, FIELD_SCENE_TOPIC, PROJECT_NAME,
+    Topics, wire,
+};
 
 /// Capacity of the queue of cycles to publish; the newest two keep their images.
 const MAX_PENDING_CYCLES: usize = 8;
@@ -32,7 +39,8 @@ pub(crate) struct StreamPreamble<'a> {
 
 /// A live stream. Dropping it ends it.
 pub(crate) struct StreamServer {
-    handle: Option<WebSocketServerHandle>,
+    guard: Guard,
+    server: Arc<Mutex<FoxgloveServer>>,
     stop_requested: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -42,32 +50,30 @@ impl StreamServer {
     pub(crate) fn start(
         feed: &Feed,
         preamble: StreamPreamble<'_>,
+        tuning: Option<TuningDesk>,
         config: &StreamConfig,
     ) -> Result<Self> {
+        config.check()?;
         let StreamPreamble { header, field } = preamble;
-        let quality = config.jpeg_quality;
-        ensure!(
-            (1..=100).contains(&quality),
-            "[stream] invalid jpeg_quality: {quality} (expected 1 to 100)"
-        );
-        ensure!(
-            config.backlog > 0,
-            "[stream] invalid backlog: 0 (expected at least 1)"
-        );
         let context = Context::new();
-        let messages = CyclePublisher::new(Topics::new(&context)?, config.images, quality);
+        let topics = Topics::new(&context)?;
+        let messages = CyclePublisher::new(
+            topics,
+            config.images,
+            config.jpeg_quality,
+            header.clock_offset_ns,
+        );
         let about = CustomChannel::new(&context, ABOUT_TOPIC)?;
-        let new_subscriber = Arc::new(AtomicBool::new(false));
-        let handle = WebSocketServer::new()
-            .name(PROJECT_NAME)
-            .bind(config.bind.clone(), config.port)
-            .message_backlog_size(config.backlog)
-            .listener(Arc::new(SubscribeListener(new_subscriber.clone())))
-            .context(&context)
-            .start_blocking()
-            .with_context(|| {
-                format!("[stream] cannot listen on {}:{}", config.bind, config.port)
-            })?;
+        let new_viewers = Arc::new(Mutex::new(Vec::new()));
+        let server = FoxgloveServer::start(&context, config.backlog, &new_viewers, tuning.clone())
+            .context("[stream] cannot start the server")?;
+        let server = Arc::new(Mutex::new(server));
+        let guard = Guard::start(
+            (&config.bind, config.port),
+            config.limits(),
+            SharedServer(server.clone()),
+        )
+        .with_context(|| format!("[stream] cannot listen on {}:{}", config.bind, config.port))?;
         let stop_requested = Arc::new(AtomicBool::new(false));
         let mut worker = StreamWorker {
             cycles: feed.subscribe(MAX_PENDING_CYCLES),
@@ -75,24 +81,32 @@ impl StreamServer {
             about,
             header_message: header_message(header, config),
             field: field.clone(),
-            new_subscriber,
+            new_viewers,
             stop_requested: stop_requested.clone(),
+            tuning: tuning.map(|desk| (desk, 0)),
+            server: server.clone(),
             _context: context,
         };
         let thread = std::thread::Builder::new()
             .name("stream".to_owned())
             .spawn(move || worker.run())?;
         Ok(StreamServer {
-            handle: Some(handle),
+            guard,
+            server,
             stop_requested,
             thread: Some(thread),
         })
     }
 
+    /// Messages for the operator since the last call.
+    pub(crate) fn take_notices(&self) -> Vec<String> {
+        self.guard.take_notices()
+    }
+
     /// The port on which it listens.
     #[cfg(test)]
     pub(crate) fn port(&self) -> u16 {
-        self.handle.as_ref().map_or(0, WebSocketServerHandle::port)
+        self.guard.address().port()
     }
 }
 
@@ -103,19 +117,116 @@ impl Drop for StreamServer {
             // A panic was reported when it happened.
             let _ = thread.join();
         }
+        lock(&self.server).stop();
+    }
+}
+
+/// A viewer that has just subscribed to a topic.
+struct NewViewer {
+    sink: Option<SinkId>,
+    topic: NewTopic,
+}
+
+/// What a new viewer of a topic needs first.
+#[derive(PartialEq, Eq)]
+enum NewTopic {
+    About,
+    Field,
+}
+
+/// New viewers that have not been served yet. More than this many are a flood, and wait for their next subscription.
+const MAX_NEW_VIEWERS: usize = 64;
+
+/// Notices new subscriptions.
+struct SubscribeListener(Arc<Mutex<Vec<NewViewer>>>);
+
+impl ServerListener for SubscribeListener {
+    fn on_subscribe(&self, client: Client, channel: ChannelView) {
+        let topic = match channel.topic() {
+            ABOUT_TOPIC => NewTopic::About,
+            FIELD_LINES_TOPIC | FIELD_SCENE_TOPIC => NewTopic::Field,
+            _ => return,
+        };
+        let sink = client.sink_id();
+        let mut viewers = lock(&self.0);
+        let is_known = viewers
+            .iter()
+            .any(|viewer| viewer.sink == sink && viewer.topic == topic);
+        if !is_known && viewers.len() < MAX_NEW_VIEWERS {
+            viewers.push(NewViewer { sink, topic });
+        }
+    }
+}
+
+/// Foxglove's server on a loopback port, and what is needed to start it again.
+struct FoxgloveServer {
+    context: Arc<Context>,
+    backlog: usize,
+    new_viewers: Arc<Mutex<Vec<NewViewer>>>,
+    tuning: Option<TuningDesk>,
+    handle: Option<WebSocketServerHandle>,
+}
+
+impl FoxgloveServer {
+    fn start(
+        context: &Arc<Context>,
+        backlog: usize,
+        new_viewers: &Arc<Mutex<Vec<NewViewer>>>,
+        tuning: Option<TuningDesk>,
+    ) -> Result<Self> {
+        let mut server = FoxgloveServer {
+            context: context.clone(),
+            backlog,
+            new_viewers: new_viewers.clone(),
+            tuning,
+            handle: None,
+        };
+        server.restart()?;
+        Ok(server)
+    }
+
+    fn restart(&mut self) -> Result<()> {
+        self.stop();
+        let mut server = WebSocketServer::new()
+            .name(PROJECT_NAME)
+            .bind("127.0.0.1", 0)
+            .message_backlog_size(self.backlog)
+            .listener(Arc::new(SubscribeListener(self.new_viewers.clone())))
+            .context(&self.context);
+        if let Some(desk) = &self.tuning {
+            server = server.parameter_handler(Arc::new(SettingsHandler(desk.clone())));
+        }
+        self.handle = Some(server.start_blocking()?);
+        Ok(())
+    }
+
+    fn stop(&mut self) {
         if let Some(handle) = self.handle.take() {
             handle.stop().detach_all();
         }
     }
 }
 
-/// Notices new subscriptions.
-struct SubscribeListener(Arc<AtomicBool>);
+/// The server as the guard uses it.
+struct SharedServer(Arc<Mutex<FoxgloveServer>>);
 
-impl ServerListener for SubscribeListener {
-    fn on_subscribe(&self, _client: Client, _channel: ChannelView) {
-        self.0.store(true, Ordering::Release);
+impl GuardedServer for SharedServer {
+    fn address(&self) -> SocketAddr {
+        let port = lock(&self.0)
+            .handle
+            .as_ref()
+            .map(WebSocketServerHandle::port);
+        SocketAddr::from(([127, 0, 0, 1], port.unwrap_or(0)))
     }
+
+    fn restart(&mut self) -> Result<()> {
+        lock(&self.0).restart()
+    }
+}
+
+// The state is valid even if a thread panicked with the lock.
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// State of the publishing thread.
@@ -125,8 +236,11 @@ struct StreamWorker {
     about: CustomChannel<wire::About>,
     header_message: wire::About,
     field: Field,
-    new_subscriber: Arc<AtomicBool>,
+    new_viewers: Arc<Mutex<Vec<NewViewer>>>,
     stop_requested: Arc<AtomicBool>,
+    /// The settings, and the revision that viewers have.
+    tuning: Option<(TuningDesk, u64)>,
+    server: Arc<Mutex<FoxgloveServer>>,
     /// Connects channels and viewers; must live as long as the thread.
     _context: Arc<Context>,
 }
@@ -139,10 +253,17 @@ impl StreamWorker {
             if let Ok(((_, cycle), _)) = &next {
                 stamp = cycle.stamp;
             }
-            if self.new_subscriber.swap(false, Ordering::Acquire) {
-                self.about.log_at(&self.header_message, stamp);
-                self.messages.publish_field(&self.field, stamp);
+            // Only those who have just subscribed: the header has the size of many cycles.
+            for NewViewer { sink, topic } in std::mem::take(&mut *lock(&self.new_viewers)) {
+                match topic {
+                    NewTopic::About => {
+                        let time = self.messages.message_time(stamp);
+                        self.about.log_to(&self.header_message, time, sink);
+                    }
+                    NewTopic::Field => self.messages.publish_field(&self.field, stamp, sink),
+                }
             }
+            self.publish_settings();
             match next {
                 Ok(((index, cycle), dropped)) => {
                     if let Err(error) = self.messages.publish_cycle(index, &cycle) {
@@ -153,6 +274,21 @@ impl StreamWorker {
                 Err(RecvError::Timeout) => {}
                 Err(RecvError::Closed) => return,
             }
+        }
+    }
+}
+
+impl StreamWorker {
+    /// Sends the settings to the viewers that follow them, if they have changed.
+    fn publish_settings(&mut self) {
+        let Some((desk, known)) = &mut self.tuning else {
+            return;
+        };
+        let revision = desk.revision();
+        if std::mem::replace(known, revision) != revision
+            && let Some(handle) = &lock(&self.server).handle
+        {
+            handle.publish_parameter_values(all_parameters(desk));
         }
     }
 }

@@ -42,6 +42,7 @@ impl CalibrationJob {
                     CalibrationMethod::Lines => calibrate::calibrate_map_from_lines(&LinesArgs {
                         dir,
                         map: None,
+                        from_nothing: false,
                         out,
                         picture,
                     }),

@@ -22,6 +22,7 @@ mod robot_folder;
 mod session;
 mod settings;
 mod settings_state;
+mod setup_job;
 mod shell;
 mod shortcuts;
 mod source;

@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use eframe::egui::ColorImage;
 use vision::image::Image;
+use vision::output_file::write_file;
 
 use super::session::Session;
 use super::settings;
@@ -51,7 +52,7 @@ pub(crate) fn write_report(
         .with_context(|| format!("cannot create {}", folder.display()))?;
     let write = |name: &str, text: String| {
         let path = folder.join(name);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+        write_file(&path, text).with_context(|| format!("cannot write {}", path.display()))
     };
     if let Some(window) = window {
         write_screenshot(window, &folder.join("window.png"))?;

@@ -7,6 +7,7 @@ use pipeline::PipelineConfig;
 use pipeline::config::PIPELINE_FILE;
 use pipeline::log::Header;
 use vision::colour::lookup_table::CLASS_NAMES;
+use vision::output_file::write_file;
 
 use super::brush::Brush;
 use super::session::Session;
@@ -43,7 +44,7 @@ pub(crate) fn write_robot_folder(session: &Session, dir: &Path) -> Result<()> {
     let overlay = settings::diff_overlay(&PipelineConfig::default(), session.settings.config());
     header
         .with_file(PIPELINE_FILE, overlay.to_string())
-        .write_files(dir)?;
+        .save_files(dir)?;
     if brush.labels.is_empty() {
         return Ok(());
     }
@@ -65,5 +66,5 @@ fn write_labels(dir: &Path, brush: &Brush) -> Result<()> {
         text += &format!("label_{number}.png,{u},{v},{}\n", CLASS_NAMES[label.class]);
     }
     let path = dir.join("labels.csv");
-    std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    write_file(&path, text).with_context(|| format!("cannot write {}", path.display()))
 }

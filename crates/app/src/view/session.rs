@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Result;
+use localize::map_correction::MapCorrectionEstimate;
 use localize::robot::BaseConfig;
 use localize::{At, FieldFrame, RobotFrame};
 use vision::colour::colour_table::ColourTable;
@@ -13,6 +14,7 @@ use super::calibration_state::CalibrationState;
 use super::device_monitor::DeviceMonitor;
 use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
 use super::settings_state::SettingsState;
+use super::setup_job::SetupCheck;
 use super::source::decoded_cycle::DecodedCycle;
 use super::source::inbox::CycleInbox;
 use super::source::live::LiveSource;
@@ -97,6 +99,8 @@ pub(crate) struct Session {
     pub(crate) mask: Option<Arc<Vec<bool>>>,
     /// Counts changes of settings, colour table and mask.
     pub(crate) revision: u64,
+    /// Check of the log's set-up.
+    pub(crate) setup_check: SetupCheck,
     metrics_reader: Option<MetricsReader>,
 }
 
@@ -121,6 +125,7 @@ impl Default for Session {
             colour_table: None,
             mask: None,
             revision: 0,
+            setup_check: SetupCheck::default(),
             metrics_reader: None,
         }
     }
@@ -197,7 +202,8 @@ impl Session {
         let remote = remote::connect(address, inbox.clone())?;
         let mut warnings: Vec<String> = remote.header.version_mismatch().into_iter().collect();
         let recorded_config = parse_config(remote.header.files.get(PIPELINE_FILE), &mut warnings);
-        let live = LiveSource::new(inbox, None).with_guard(remote.guard, Some(remote.folder));
+        let mut live = LiveSource::new(inbox, None).with_guard(remote.guard, Some(remote.folder));
+        live.remote_settings = Some(remote.settings);
         let name = format!("{address}: {}", remote.header.source);
         Ok(Session {
             warnings,
@@ -390,6 +396,11 @@ impl Session {
         if let Some(worker) = self.source.simulation() {
             worker.request(SourceRequest::SetSpeed(self.playback.speed));
         }
+    }
+
+    /// What localization had learned about the ground map in the shown cycle.
+    pub(crate) fn map_correction(&self) -> Option<&MapCorrectionEstimate> {
+        self.shown.as_ref()?.cycle.estimate.map_correction.as_ref()
     }
 
     /// The shown cycle's time, seconds.

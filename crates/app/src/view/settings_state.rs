@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use pipeline::PipelineConfig;
 use pipeline::config::apply_overlay;
+use vision::output_file::write_file;
 
 use super::settings::{self, Setting};
 use super::status_message::StatusMessage;
@@ -79,7 +80,7 @@ impl SettingsState {
             .iter()
             .filter(|setting| settings::get(&overlay, &setting.path).is_some())
             .count();
-        std::fs::write(path, overlay.to_string())
+        write_file(path, overlay.to_string())
             .with_context(|| format!("cannot write {}", path.display()))?;
         Ok(format!("wrote {count} settings to {}", path.display()))
     }

@@ -10,7 +10,8 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use hw::camera::Encoding;
-use hw::wire::image_stream::{HEADER_BYTES, ImageHeader, SETTINGS_BYTES};
+use hw::wire::image_stream::{HEADER_BYTES, ImageHeader, SETTINGS_BYTES, SettingsMessage};
+use localize::robot::CameraSetting;
 
 use super::timing::raise_thread_priority;
 
@@ -28,6 +29,8 @@ pub(super) struct QueuedImage {
     pub(super) stamp_ns: i64,
     /// Columns and rows.
     pub(super) size_px: [usize; 2],
+    /// Exposure, seconds, and gain with which it was taken.
+    pub(super) setting: CameraSetting,
     /// Red, green, blue.
     pub(super) rgb: Arc<Vec<u8>>,
     /// Only this share of it is sent, and then nothing more.
@@ -45,6 +48,7 @@ pub(super) struct VirtualCamera {
 #[derive(Debug, Default)]
 struct CameraState {
     newest: Mutex<Option<QueuedImage>>,
+    commanded_setting: Mutex<Option<CameraSetting>>,
     image_queued: Condvar,
     unplugged: AtomicBool,
     stop_requested: AtomicBool,
@@ -92,6 +96,11 @@ impl VirtualCamera {
         self.shared.image_queued.notify_all();
     }
 
+    /// Exposure, seconds, and gain that a reader has set since the last call.
+    pub(super) fn take_commanded_setting(&self) -> Option<CameraSetting> {
+        self.shared.commanded_setting().take()
+    }
+
     /// Unplugs the camera, or plugs it in again.
     pub(super) fn set_unplugged(&self, unplugged: bool) {
         self.shared.unplugged.store(unplugged, Ordering::Relaxed);
@@ -122,6 +131,28 @@ impl CameraState {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn commanded_setting(&self) -> MutexGuard<'_, Option<CameraSetting>> {
+        let setting = self.commanded_setting.lock();
+        setting.unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes over the settings that a reader sent. Automatic values leave the camera as it is.
+    fn obey(&self, bytes: &[u8; SETTINGS_BYTES]) {
+        let Some(settings) = SettingsMessage::decode(bytes) else {
+            return;
+        };
+        let gain = match settings.gain_centi {
+            Some(gain_centi) => gain_centi as f32 * 0.01,
+            None => settings.gain as f32,
+        };
+        if settings.exposure_us > 0 && gain > 0.0 {
+            *self.commanded_setting() = Some(CameraSetting {
+                exposure: settings.exposure_us as f32 * 1e-6,
+                gain,
+            });
+        }
+    }
+
     /// Sends images to one reader until it is gone or the camera is unplugged.
     fn serve(&self, mut peer: UnixStream, encoding: Encoding, sequence: &mut u32) {
         // A whole image should fit, or sender and reader alternate. The system may allow less.
@@ -135,8 +166,11 @@ impl CameraState {
         if ready.is_err() || peer.read_exact(&mut settings).is_err() {
             return;
         }
+        self.obey(&settings);
         let mut bytes = Vec::new();
+        let mut pending_settings = Vec::new();
         loop {
+            receive_settings(&peer, &mut pending_settings, |message| self.obey(message));
             let (mut newest, _) = self
                 .image_queued
                 .wait_timeout_while(self.newest(), POLL_PERIOD, |newest| newest.is_none())
@@ -172,6 +206,24 @@ impl CameraState {
     }
 }
 
+/// Reads the settings that a reader has sent; `pending` holds an incomplete message.
+fn receive_settings(
+    peer: &UnixStream,
+    pending: &mut Vec<u8>,
+    mut obey: impl FnMut(&[u8; SETTINGS_BYTES]),
+) {
+    let mut bytes = [0; SETTINGS_BYTES];
+    while let Ok((length @ 1.., _)) =
+        rustix::net::recv(peer, &mut bytes[..], rustix::net::RecvFlags::DONTWAIT)
+    {
+        pending.extend_from_slice(&bytes[..length]);
+        while let Some((message, rest)) = pending.split_first_chunk::<SETTINGS_BYTES>() {
+            obey(message);
+            *pending = rest.to_vec();
+        }
+    }
+}
+
 /// Header of an image.
 fn header(image: &QueuedImage, encoding: Encoding, sequence: u32) -> [u8; HEADER_BYTES] {
     let [width_px, height_px] = image.size_px;
@@ -184,6 +236,8 @@ fn header(image: &QueuedImage, encoding: Encoding, sequence: u32) -> [u8; HEADER
         sequence,
         bytes: (stride * height_px) as u32,
         stamp_ns: image.stamp_ns,
+        exposure_us: (image.setting.exposure * 1e6).round() as u32,
+        gain_centi: (image.setting.gain * 100.0).round() as i16,
     };
     header.encode()
 }

@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use hw::camera::Encoding;
 use localize::Stamp;
 use localize::omni::OmniKinematics;
+use localize::robot::CameraSetting;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use sim::Sim;
@@ -14,12 +15,17 @@ use super::faults::{FaultInterval, FaultPlan, HardwareFault, HardwareFaultKind};
 use super::inertial::{ImuEncoder, ImuFault};
 use super::options::Options;
 use super::real_time_sim::ScheduledSample;
-use super::robot_folder;
+use super::robot_folder::{self, EXPOSURE_UNIT};
 use super::serial_port::VirtualSerialPort;
 use pipeline::csv_table::{CsvWriter, format_seconds};
 
 /// Initial value of the wheel counters: they overflow in every run, after five revolutions of a wheel.
 const INITIAL_COUNT: u32 = 0u32.wrapping_sub(20_000);
+/// Limits of the virtual camera, unit of the simulator.
+const EXPOSURE_MIN: f32 = 0.01;
+const EXPOSURE_MAX: f32 = 10.0;
+const GAIN_MIN: f32 = 1.0;
+const GAIN_MAX: f32 = 16.0;
 /// Bytes of noise in place of one message.
 const NOISE_BYTES: usize = 23;
 /// On a noisy port one byte of this number is wrong.
@@ -107,7 +113,7 @@ impl VirtualDevices {
                     self.wit_port.send(&ImuEncoder::encode_wit_angle(&compass));
                 }
             }
-            sim::SimSample::Image(image) => self.send_image(image, at, time),
+            sim::SimSample::Image(image) => self.send_image(image, due.setting, at, time),
             sim::SimSample::Truth(truth) => {
                 if let Some(file) = &mut self.ground_truth {
                     let (stamp, pose) = (format_seconds(at), truth.robot.pose);
@@ -120,6 +126,16 @@ impl VirtualDevices {
             sim::SimSample::Command(_) => {}
         }
         Ok(())
+    }
+
+    /// Exposure and gain that the camera was commanded since the last call, unit of the simulator, within the limits of
+    /// the virtual camera.
+    pub(super) fn commanded_setting(&self) -> Option<CameraSetting> {
+        let setting = self.camera.take_commanded_setting()?;
+        Some(CameraSetting {
+            exposure: (setting.exposure / EXPOSURE_UNIT).clamp(EXPOSURE_MIN, EXPOSURE_MAX),
+            gain: setting.gain.clamp(GAIN_MIN, GAIN_MAX),
+        })
     }
 
     /// Unplugs and plugs in devices by the fault plan.
@@ -210,10 +226,20 @@ impl VirtualDevices {
         self.wit_port.send(&self.last_imu_bytes);
     }
 
-    fn send_image(&mut self, image: sim::simulation::SimImage, at: Stamp, time: f64) {
+    fn send_image(
+        &mut self,
+        image: sim::simulation::SimImage,
+        setting: CameraSetting,
+        at: Stamp,
+        time: f64,
+    ) {
         let clock_fault = self.faults.active(HardwareFaultKind::CameraClock, time);
         let mut queued = QueuedImage {
             stamp_ns: (at + clock_fault.map_or(0.0, |fault| fault.step)).0,
+            setting: CameraSetting {
+                exposure: setting.exposure * EXPOSURE_UNIT,
+                ..setting
+            },
             size_px: [image.width_px, image.height_px],
             rgb: std::sync::Arc::new(image.rgb),
             truncated_to: None,

@@ -59,6 +59,9 @@ pub(crate) fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) ->
         let Some(due) = sim.next_sample(|now| devices.base_firmware.commanded_twist(now))? else {
             break;
         };
+        if let Some(setting) = devices.commanded_setting() {
+            sim.command_camera(setting);
+        }
         sleep_until(due.stamp);
         devices.deliver(due, hw::now() - started)?;
     }

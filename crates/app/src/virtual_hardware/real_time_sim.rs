@@ -10,6 +10,8 @@ use std::time::Duration;
 use anyhow::Result;
 use localize::Stamp;
 use localize::omni::Twist;
+use localize::robot::CameraSetting;
+use sim::image_sensor::FilmConfig;
 use sim::{Sim, SimSample};
 
 use super::timing::sleep_until;
@@ -28,6 +30,8 @@ pub(super) struct ScheduledSample {
     pub(super) sample: SimSample,
     /// Angle of each wheel since the start, radians; for odometry only.
     pub(super) wheel_angles: Vec<f64>,
+    /// With which exposure and gain an image was taken, unit of the simulator.
+    pub(super) setting: CameraSetting,
 }
 
 /// The simulation in its own thread.
@@ -41,6 +45,7 @@ pub(super) struct RealTimeSim {
 #[derive(Default)]
 struct RealTimeSimState {
     commanded_twist: Mutex<Twist>,
+    commanded_setting: Mutex<Option<CameraSetting>>,
     lag: Mutex<f64>,
     stop_requested: AtomicBool,
 }
@@ -72,8 +77,18 @@ impl RealTimeSim {
                     SimSample::Odometry(_) => sim.wheel_angles().collect(),
                     _ => Vec::new(),
                 };
+                let sensor = sim.image_sensor();
+                let setting = CameraSetting {
+                    exposure: sensor.exposure,
+                    gain: sensor.gain,
+                };
+                // The image was rendered with this setting. No other image is waiting, so a new one counts from the next.
+                if matches!(sample, SimSample::Image(_)) {
+                    apply_command(&mut sim, lock(&state.commanded_setting).take());
+                }
                 if deliver
                     .send(ScheduledSample {
+                        setting,
                         stamp: at,
                         sample,
                         wheel_angles,
@@ -106,6 +121,11 @@ impl RealTimeSim {
         *lock(&self.shared.lag)
     }
 
+    /// Sets exposure and gain of the following images, unit of the simulator.
+    pub(super) fn command_camera(&self, setting: CameraSetting) {
+        *lock(&self.shared.commanded_setting) = Some(setting);
+    }
+
     /// The next sample. None if the simulation has ended. `commanded` returns the velocity of the wheels.
     pub(super) fn next_sample(
         &mut self,
@@ -121,6 +141,18 @@ impl RealTimeSim {
             Err(RecvTimeoutError::Timeout) => anyhow::bail!("the simulation delivers no samples"),
             Err(RecvTimeoutError::Disconnected) => Ok(None),
         }
+    }
+}
+
+/// Sets exposure and gain of the simulated camera.
+fn apply_command(sim: &mut Sim, command: Option<CameraSetting>) {
+    if let Some(CameraSetting { exposure, gain }) = command {
+        let sensor = FilmConfig {
+            exposure,
+            gain,
+            ..*sim.image_sensor()
+        };
+        sim.set_image_sensor(sensor);
     }
 }
 

@@ -15,6 +15,9 @@ pub(super) const WIT: &str = "wit";
 pub(super) const BNO085: &str = "bno085";
 pub(super) const CAMERA: &str = "camera";
 
+/// Exposure of the virtual camera at the simulator's exposure 1, seconds.
+pub(super) const EXPOSURE_UNIT: f32 = 0.01;
+
 /// Writes robot.toml and hardware.toml into the folder of the devices.
 pub(super) fn write_robot_folder(sim: &Sim, options: &Options<'_>) -> Result<()> {
     let mut robot = sim.robot().clone();
@@ -28,6 +31,20 @@ pub(super) fn write_robot_folder(sim: &Sim, options: &Options<'_>) -> Result<()>
         Ok(())
     };
     absolute(&mut robot.field)?;
+    // A camera counts its exposure in seconds, the simulator in multiples of its default.
+    if let Some(control) = &mut robot.exposure {
+        let sensor = sim.image_sensor();
+        (control.exposure, control.gain) = (sensor.exposure, sensor.gain);
+        for exposure in [
+            &mut control.exposure,
+            &mut control.exposure_min,
+            &mut control.exposure_max,
+            &mut control.path_slope,
+            &mut control.path_offset,
+        ] {
+            *exposure *= EXPOSURE_UNIT;
+        }
+    }
     robot
         .mirror
         .as_mut()

@@ -1,9 +1,11 @@
 //! What are the wheels to do now? The last command until its deadline, then stop: the command watchdog.
 
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use localize::Stamp;
 use localize::omni::Twist;
+
+use super::command_tally::CommandTally;
 
 /// How the robot is driven.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,11 +58,14 @@ pub(crate) enum BaseRequest {
 }
 
 /// The latest commands, each with its deadline.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct CommandBuffer {
     drive: Option<Timed<MotionCommand>>,
+    /// Counts the motion command when it is sent for the first time.
+    drive_tally: Option<Arc<CommandTally>>,
     stopped_since: Option<Stamp>,
     kick: Option<Timed<Kick>>,
+    kick_tally: Option<Arc<CommandTally>>,
     dribble: Option<Timed<[f32; 2]>>,
     /// True while a command has not been sent yet.
     pub(crate) pending: bool,
@@ -71,9 +76,15 @@ pub(crate) struct CommandBuffer {
 }
 
 impl CommandBuffer {
-    /// Replaces the motion command.
-    pub(crate) fn set_drive(&mut self, value: MotionCommand, deadline: Stamp) {
+    /// Replaces the motion command; `tally` counts it.
+    pub(crate) fn set_drive(
+        &mut self,
+        value: MotionCommand,
+        deadline: Stamp,
+        tally: Option<Arc<CommandTally>>,
+    ) {
         self.drive = Some(Timed { value, deadline });
+        self.drive_tally = tally;
         self.stopped_since = None;
         self.pending = true;
     }
@@ -89,8 +100,15 @@ impl CommandBuffer {
         };
     }
 
-    pub(crate) fn set_kick(&mut self, value: Kick, deadline: Stamp) {
+    /// Replaces the kick; `tally` counts it.
+    pub(crate) fn set_kick(
+        &mut self,
+        value: Kick,
+        deadline: Stamp,
+        tally: Option<Arc<CommandTally>>,
+    ) {
         self.kick = Some(Timed { value, deadline });
+        self.kick_tally = tally;
         self.pending = true;
     }
 
@@ -107,12 +125,23 @@ impl CommandBuffer {
                 return BaseRequest::Drive(drive);
             }
             self.drive = None;
+            self.drive_tally = None;
             self.stopped_since = Some(now);
         }
         match self.stopped_since {
             Some(since) if now - since < f64::from(brake_time) => BaseRequest::Brake,
             _ => BaseRequest::Release,
         }
+    }
+
+    /// Takes the tally of a motion command that is sent for the first time.
+    pub(crate) fn take_drive_tally(&mut self) -> Option<Arc<CommandTally>> {
+        self.drive_tally.take()
+    }
+
+    /// Takes the tally of a kick.
+    pub(crate) fn take_kick_tally(&mut self) -> Option<Arc<CommandTally>> {
+        self.kick_tally.take()
     }
 
     /// Takes the kick, so that it is sent once; an expired one is discarded.
@@ -151,7 +180,7 @@ mod tests {
         let mut buffer = CommandBuffer::default();
         let mut request = |milliseconds: i64, command: Option<(MotionCommand, i64)>| {
             if let Some((drive, deadline)) = command {
-                buffer.set_drive(drive, Stamp(deadline * MS));
+                buffer.set_drive(drive, Stamp(deadline * MS), None);
             }
             buffer.current_request(Stamp(milliseconds * MS), 0.5)
         };
@@ -183,11 +212,11 @@ mod tests {
             speed: 8.0,
             lofted: false,
         };
-        buffer.set_kick(kick, Stamp(50 * MS));
+        buffer.set_kick(kick, Stamp(50 * MS), None);
         let taken = buffer.take_kick(Stamp(30 * MS)).expect("a kick");
         assert_eq!((taken.value, taken.remaining(Stamp(30 * MS))), (kick, 0.02));
         assert_eq!(buffer.take_kick(Stamp(31 * MS)), None);
-        buffer.set_kick(kick, Stamp(50 * MS));
+        buffer.set_kick(kick, Stamp(50 * MS), None);
         assert_eq!(buffer.take_kick(Stamp(60 * MS)), None);
     }
 }

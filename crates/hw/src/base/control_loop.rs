@@ -7,6 +7,7 @@ use localize::omni::{OmniKinematics, Twist};
 use localize::sample::VelocityCommand;
 
 use super::command_buffer::{BaseRequest, MotionCommand, SharedCommands, Timed};
+use super::command_tally::Confirmations;
 use super::link::{BaseLink, BaseReport, MotorCommand};
 use super::odometer::{Odometer, OdometryUpdate};
 use crate::clock;
@@ -15,7 +16,7 @@ use crate::error::HwError;
 use crate::event_queue::{DeviceEvent, EventQueue};
 use crate::health::HealthState;
 use crate::monitor::Monitor;
-use crate::worker::{StallDetector, Waker};
+use crate::worker::{PauseDetector, StallDetector, Waker, pause_reason};
 
 /// State of the base's thread.
 pub(super) struct ControlLoop {
@@ -25,6 +26,7 @@ pub(super) struct ControlLoop {
     pub(super) speed_max: f32,
     pub(super) wheel_radius: f32,
     pub(super) odometer: Odometer,
+    pub(super) confirmations: Confirmations,
     pub(super) commands: Arc<SharedCommands>,
     pub(super) monitor: Monitor,
     pub(super) queue: EventQueue,
@@ -40,6 +42,8 @@ impl ControlLoop {
         let mut next_send = start;
         // Commands from before the bus was open are discarded: the wheels stop first.
         self.commands.lock().halt(start);
+        self.confirmations = Confirmations::default();
+        let mut pause_detector = PauseDetector::new(start);
         link.send_motor_command(MotorCommand::Release, start)?;
         while !waker.stop_requested() {
             let now = clock::now();
@@ -49,7 +53,14 @@ impl ControlLoop {
                 // The period restarts at a new command, so that it is not sent twice in a row.
                 next_send = now + period;
             }
-            if waker.wait(Some(link.fd()), next_send) {
+            let readable = waker.wait(Some(link.fd()), next_send);
+            if let Some(pause) = pause_detector.check(clock::now()) {
+                link.discard_input()?;
+                self.monitor.report_event(pause_reason(pause));
+                stall_detector.on_message(clock::now(), link.stats().garbage_bytes);
+                continue;
+            }
+            if readable {
                 let arrival = clock::now();
                 link.receive(arrival, &mut reports)?;
                 let stats = link.stats();
@@ -77,20 +88,24 @@ impl ControlLoop {
     }
 
     /// Sends the commands that are valid now.
-    fn send_commands(&self, link: &mut BaseLink, now: Stamp) -> Result<(), HwError> {
-        let (request, kick, dribble) = {
+    fn send_commands(&mut self, link: &mut BaseLink, now: Stamp) -> Result<(), HwError> {
+        let (request, drive_tally, kick, kick_tally, dribble) = {
             let mut buffer = self.commands.lock();
             buffer.pending = false;
             (
                 buffer.current_request(now, self.device.brake_time),
+                buffer.take_drive_tally(),
                 buffer.take_kick(now),
+                buffer.take_kick_tally(),
                 buffer.current_dribble(now),
             )
         };
         let twist = match request {
-            BaseRequest::Drive(command) => {
-                let command = self.motor_command(command, now);
+            BaseRequest::Drive(request) => {
+                let command = self.motor_command(request, now);
                 link.send_motor_command(command, now)?;
+                self.confirmations
+                    .on_drive_sent(drive_tally, now, request.deadline);
                 match command {
                     MotorCommand::Speeds { twist, .. } => twist,
                     MotorCommand::Brake | MotorCommand::Release => Twist::default(),
@@ -111,7 +126,8 @@ impl ControlLoop {
         self.queue
             .push(DeviceEvent::Command(VelocityCommand { stamp: now, twist }));
         if let Some(kick) = kick {
-            link.kick(kick.value, kick.remaining(now), now)?;
+            let sequence = link.kick(kick.value, kick.remaining(now), now)?;
+            self.confirmations.on_kick_sent(kick_tally, now, sequence);
         }
         if let Some(dribble) = dribble {
             link.dribble(dribble.value, dribble.remaining(now), now)?;
@@ -154,15 +170,25 @@ impl ControlLoop {
 
     fn process_report(&mut self, report: BaseReport, arrival: Stamp) {
         let update = match report {
-            BaseReport::WheelCounts(counts, stamp) => self
-                .odometer
-                .update_all(&counts[..self.omni.wheel_count()], stamp),
+            BaseReport::WheelCounts(counts, stamp) => {
+                self.confirmations.on_wheel_report(stamp);
+                self.odometer
+                    .update_all(&counts[..self.omni.wheel_count()], stamp)
+            }
             BaseReport::WheelCount(wheel, count, stamp) => {
+                self.confirmations.on_wheel_report(stamp);
                 self.odometer.update_wheel(wheel, count, stamp)
             }
             BaseReport::Power(report) => return self.queue.push(DeviceEvent::Power(report)),
-            BaseReport::Kicker(report) => return self.queue.push(DeviceEvent::Kicker(report)),
-            BaseReport::Switches(report) => return self.queue.push(DeviceEvent::Switches(report)),
+            BaseReport::Kicker(report) => {
+                self.confirmations
+                    .on_kicker_report(report.last_kick, report.stamp);
+                return self.queue.push(DeviceEvent::Kicker(report));
+            }
+            BaseReport::Switches(report) => {
+                self.confirmations.on_switches(report.emergency_stop);
+                return self.queue.push(DeviceEvent::Switches(report));
+            }
             BaseReport::Imu(imu) => return self.queue.push(DeviceEvent::Imu(imu)),
             BaseReport::Compass(compass) => return self.queue.push(DeviceEvent::Compass(compass)),
         };

@@ -21,6 +21,8 @@ use crate::wire::{DecoderStats, StreamDecoder, slcan, vesc};
 const WRITE_TIMEOUT: f64 = 0.005;
 /// Timeout of writing the commands that open an slcan adapter, seconds.
 const ADAPTER_SETUP_TIMEOUT: f64 = 0.1;
+/// More frames than the buffer of a CAN socket holds.
+const CAN_FRAMES_DISCARDED_MAX: usize = 10_000;
 /// Most frames read from a CAN socket at once.
 const CAN_FRAMES_PER_READ: usize = 64;
 
@@ -196,14 +198,18 @@ impl BaseLink {
     }
 
     /// Sends a kick, valid for `valid_for` seconds; does nothing on other buses than the board's.
-    pub(super) fn kick(&mut self, kick: Kick, valid_for: f64, now: Stamp) -> Result<(), HwError> {
+    ///
+    /// Returns the sequence number of its message, by which the board reports it.
+    pub(super) fn kick(&mut self, kick: Kick, valid_for: f64, now: Stamp) -> Result<u16, HwError> {
+        let sequence = self.sequence;
         let message = board::KickCommand {
             valid_ms: validity_ms(valid_for),
             speed_mm: (kick.speed * 1000.0) as u16,
             lofted: kick.lofted.into(),
             reserved: 0,
         };
-        self.send_board(message.into(), now + WRITE_TIMEOUT)
+        self.send_board(message.into(), now + WRITE_TIMEOUT)?;
+        Ok(sequence)
     }
 
     /// Sends speeds of the dribbling wheels, valid for `valid_for` seconds; does nothing on other buses than the board's.
@@ -236,6 +242,24 @@ impl BaseLink {
         let sequence = self.sequence;
         self.sequence = sequence.wrapping_add(1);
         serial.write(&Packet { sequence, message }.encode(), deadline)
+    }
+
+    /// Discards the input that has arrived, because its age is unknown.
+    pub(super) fn discard_input(&mut self) -> Result<(), HwError> {
+        match &mut self.transport {
+            Transport::Board(serial, stream) => serial.discard_input().map(|()| stream.reset()),
+            Transport::Uart(serial, stream) => serial.discard_input().map(|()| stream.reset()),
+            Transport::Slcan(serial, stream) => serial.discard_input().map(|()| stream.reset()),
+            Transport::Can(socket) => {
+                let now = crate::clock::now();
+                for _ in 0..CAN_FRAMES_DISCARDED_MAX {
+                    if socket.read(now)?.is_none() {
+                        break;
+                    }
+                }
+                Ok(())
+            }
+        }
     }
 
     /// Reads the input that has arrived and appends its messages to `reports`.

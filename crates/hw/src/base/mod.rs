@@ -1,6 +1,7 @@
 //! How is the robot driven, and how far did it move? One interface for the base board and for VESCs on three buses.
 
 mod command_buffer;
+mod command_tally;
 mod control_loop;
 mod link;
 mod odometer;
@@ -14,6 +15,7 @@ use localize::omni::OmniKinematics;
 use localize::robot::BaseConfig;
 
 pub use command_buffer::{Kick, MotionCommand};
+pub use command_tally::CommandTally;
 pub use reports::{KickerReport, PowerReport, SwitchReport};
 
 use crate::clock;
@@ -24,6 +26,7 @@ use crate::health::HealthReport;
 use crate::monitor::Monitor;
 use crate::worker::{Waker, Worker};
 use command_buffer::{CommandBuffer, SharedCommands};
+use command_tally::Confirmations;
 use control_loop::ControlLoop;
 use link::BaseLink;
 use odometer::Odometer;
@@ -48,6 +51,7 @@ pub struct BaseHandle {
     waker: Arc<Waker>,
     command_age_max: f64,
     has_kicker: bool,
+    tally: Option<Arc<CommandTally>>,
 }
 
 impl BaseDriver {
@@ -114,6 +118,7 @@ impl BaseDriver {
             speed_max: wheels.speed_max,
             wheel_radius: wheels.wheel_radius,
             odometer,
+            confirmations: Confirmations::default(),
             commands: Arc::clone(&commands),
             monitor: monitor.clone(),
             queue: queue.clone(),
@@ -130,6 +135,7 @@ impl BaseDriver {
             waker: worker.waker(),
             command_age_max: f64::from(device.command_age_max),
             has_kicker: device.bus == Bus::Board,
+            tally: None,
         };
         Ok(BaseDriver {
             handle,
@@ -150,6 +156,14 @@ impl BaseDriver {
 }
 
 impl BaseHandle {
+    /// A handle whose commands are counted in `tally`.
+    pub fn counting(&self, tally: &Arc<CommandTally>) -> Self {
+        BaseHandle {
+            tally: Some(Arc::clone(tally)),
+            ..self.clone()
+        }
+    }
+
     /// Drives until the deadline (CLOCK_MONOTONIC), or for `command_age_max` from now if that is sooner.
     ///
     /// A command that is not finite stops the wheels and is an error.
@@ -164,7 +178,9 @@ impl BaseHandle {
         };
         if finite {
             let deadline = deadline.min(now + self.command_age_max);
-            self.commands.lock().set_drive(command, deadline);
+            self.commands
+                .lock()
+                .set_drive(command, deadline, self.tally.clone());
         } else {
             self.commands.lock().halt(now);
         }
@@ -189,7 +205,9 @@ impl BaseHandle {
                 format!("invalid kick speed: {speed} m/s (expected 0 to {KICK_SPEED_MAX})");
             return Err(self.rejection(reason));
         }
-        self.commands.lock().set_kick(kick, deadline);
+        self.commands
+            .lock()
+            .set_kick(kick, deadline, self.tally.clone());
         self.waker.wake();
         Ok(())
     }

@@ -5,6 +5,7 @@ use aravis::{
     StreamExt, glib,
 };
 use localize::Stamp;
+use localize::robot::CameraSetting;
 
 use super::image::{BufferPool, Capture, CapturedImage, Encoding};
 use super::settings::CameraSettings;
@@ -129,15 +130,26 @@ impl GenICam {
         // A camera without an automatic mode returns an error, which does not matter.
         let _no_automatic = camera.set_exposure_time_auto(auto_mode(settings.exposure.is_none()));
         let _no_automatic = camera.set_gain_auto(auto_mode(settings.gain.is_none()));
+        // A value outside the limits would be an error. The limits may depend on the frame rate, so they are read again.
         if let Some(seconds) = settings.exposure {
-            camera
-                .set_exposure_time(f64::from(seconds) * 1e6)
-                .map_err(failed)?;
+            let (least, most) = camera.exposure_time_bounds().map_err(failed)?;
+            let microseconds = (f64::from(seconds) * 1e6).max(least).min(most);
+            camera.set_exposure_time(microseconds).map_err(failed)?;
         }
         if let Some(gain) = settings.gain {
-            camera.set_gain(f64::from(gain)).map_err(failed)?;
+            let (least, most) = camera.gain_bounds().map_err(failed)?;
+            let gain = f64::from(gain).max(least).min(most);
+            camera.set_gain(gain).map_err(failed)?;
         }
         Ok(())
+    }
+
+    /// Exposure and gain that the camera reports. `None` if it does not.
+    pub(super) fn setting_in_force(&self) -> Option<CameraSetting> {
+        Some(CameraSetting {
+            exposure: (self.camera.exposure_time().ok()? * 1e-6) as f32,
+            gain: self.camera.gain().ok()? as f32,
+        })
     }
 
     /// Waits up to the timeout for an image and takes the newest complete one.
@@ -184,6 +196,7 @@ impl GenICam {
             encoding: self.encoding,
             stride,
             repeated: false,
+            setting: None,
             data: pool.fill(copy).ok()?,
         })
     }

@@ -13,13 +13,12 @@ impl CapturedImage {
         if end == 0 || self.data[end - 1..=end] != [0xFF, 0xD9] {
             return None;
         }
-        let decoded = image::load_from_memory_with_format(&self.data, image::ImageFormat::Jpeg);
-        let rgb = decoded.ok()?.into_rgb8();
-        if (rgb.width() as usize, rgb.height() as usize) != (self.width_px, self.height_px) {
+        let rgb = vision::Image::decode(&self.data).ok()?;
+        if (rgb.width_px, rgb.height_px) != (self.width_px, self.height_px) {
             return None;
         }
         let data = pool.fill(|bytes| {
-            bytes.extend_from_slice(rgb.as_raw());
+            bytes.extend_from_slice(&rgb.rgb);
             Ok::<(), ()>(())
         });
         Some(CapturedImage {
@@ -49,6 +48,7 @@ mod tests {
             encoding,
             stride: encoding.row_bytes(width_px),
             repeated: false,
+            setting: None,
             data: filled.expect("filled"),
         }
     }

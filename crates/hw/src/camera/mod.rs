@@ -4,6 +4,7 @@
 mod genicam;
 mod image;
 mod jpeg;
+mod setting_in_force;
 mod settings;
 mod socket;
 mod stamp_validator;
@@ -14,6 +15,7 @@ use std::os::fd::AsFd;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use localize::Stamp;
+use localize::robot::CameraSetting;
 
 pub use image::{CapturedImage, Encoding, PooledBytes};
 pub use settings::CameraSettings;
@@ -24,8 +26,9 @@ use crate::error::HwError;
 use crate::event_queue::{DeviceEvent, EventQueue};
 use crate::health::{HealthReport, HealthState};
 use crate::monitor::Monitor;
-use crate::worker::{POLL_PERIOD, StallDetector, Waker, Worker};
+use crate::worker::{POLL_PERIOD, PauseDetector, StallDetector, Waker, Worker, pause_reason};
 use image::{BufferPool, Capture};
+use setting_in_force::SettingInForce;
 use socket::ImageSocket;
 use stamp_validator::StampValidator;
 use v4l2::V4l2;
@@ -36,7 +39,16 @@ pub(crate) use v4l2::describe as describe_video_device;
 pub struct CameraDriver {
     worker: Worker,
     monitor: Monitor,
-    pending_settings: Arc<Mutex<Option<CameraSettings>>>,
+    pending_settings: Arc<Mutex<Option<PendingSettings>>>,
+    configured: CameraSettings,
+}
+
+/// Settings for the following images.
+#[derive(Debug, Clone, Copy)]
+struct PendingSettings {
+    settings: CameraSettings,
+    /// Number of images from a command to the first one with it.
+    delay_frames: u64,
 }
 
 /// The interface of a camera.
@@ -77,6 +89,16 @@ impl CameraBackend {
             CameraBackend::Socket(socket) => socket.send_settings(settings),
             #[cfg(feature = "aravis")]
             CameraBackend::GenICam(camera) => camera.apply_settings(settings),
+        }
+    }
+
+    /// Exposure and gain that the device reports. `None` if it does not, or if its images carry them.
+    fn setting_in_force(&self) -> Option<CameraSetting> {
+        match self {
+            CameraBackend::V4l2(camera) => camera.setting_in_force(),
+            CameraBackend::Socket(_) => None,
+            #[cfg(feature = "aravis")]
+            CameraBackend::GenICam(camera) => camera.setting_in_force(),
         }
     }
 
@@ -129,6 +151,7 @@ impl CameraDriver {
         let mut capture_loop = CaptureLoop {
             device: device.clone(),
             settings: None,
+            in_force: SettingInForce::default(),
             pending_settings: Arc::clone(&pending_settings),
             pool: BufferPool::default(),
             monitor: monitor.clone(),
@@ -145,15 +168,31 @@ impl CameraDriver {
             worker,
             monitor,
             pending_settings,
+            configured: CameraSettings::from_config(device),
         })
     }
 
     /// Applies settings to the following images.
     pub fn set_settings(&self, settings: CameraSettings) {
+        self.push_settings(settings, 1);
+    }
+
+    /// Sets exposure (seconds) and gain (unit of the driver) of the following images; `delay_frames`: number of images
+    /// from a command to the first one exposed with it.
+    ///
+    /// The device limits and rounds them. [`CapturedImage::setting`] has what is in force.
+    pub fn set_exposure(&self, setting: CameraSetting, delay_frames: u64) {
+        self.push_settings(self.configured.with_exposure(setting), delay_frames);
+    }
+
+    fn push_settings(&self, settings: CameraSettings, delay_frames: u64) {
         *self
             .pending_settings
             .lock()
-            .unwrap_or_else(PoisonError::into_inner) = Some(settings);
+            .unwrap_or_else(PoisonError::into_inner) = Some(PendingSettings {
+            settings,
+            delay_frames,
+        });
         self.worker.wake();
     }
 
@@ -169,8 +208,9 @@ const COMPARED_BYTES: usize = 4096;
 struct CaptureLoop {
     device: CameraDeviceConfig,
     /// The last settings that were applied; a replugged camera gets them again.
-    settings: Option<CameraSettings>,
-    pending_settings: Arc<Mutex<Option<CameraSettings>>>,
+    settings: Option<PendingSettings>,
+    in_force: SettingInForce,
+    pending_settings: Arc<Mutex<Option<PendingSettings>>>,
     pool: BufferPool,
     monitor: Monitor,
     queue: EventQueue,
@@ -181,19 +221,29 @@ impl CaptureLoop {
         let mut stall_detector = StallDetector::new(&self.device.device, self.device.stall);
         let mut repeat_detector = RepeatDetector::default();
         let mut stamp_validator = StampValidator::default();
-        if let Some(settings) = &self.settings {
-            backend.apply_settings(settings)?;
+        self.in_force = SettingInForce::new(backend.setting_in_force());
+        if let Some(pending) = self.settings {
+            self.apply_settings(backend, pending)?;
         }
+        let mut pause_detector = PauseDetector::new(clock::now());
         while !waker.stop_requested() {
             let ready = backend.wait(waker, clock::now() + POLL_PERIOD);
+            if let Some(pause) = pause_detector.check(clock::now()) {
+                // Images that waited in the driver would look like new ones with implausible stamps.
+                if ready {
+                    backend.capture(&self.pool)?;
+                }
+                self.monitor.report_event(pause_reason(pause));
+                stall_detector.on_message(clock::now(), 0);
+                continue;
+            }
             let pending = self
                 .pending_settings
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
                 .take();
-            if let Some(settings) = pending {
-                backend.apply_settings(&settings)?;
-                self.settings = Some(settings);
+            if let Some(pending) = pending {
+                self.apply_settings(backend, pending)?;
             }
             if ready {
                 let capture = backend.capture(&self.pool)?;
@@ -209,6 +259,7 @@ impl CaptureLoop {
                     let validated = stamp_validator.validate(image.stamp, now);
                     image.stamp = validated.stamp;
                     image.repeated = unchanged_since < now;
+                    image.setting = image.setting.or(self.in_force.at(image.stamp));
                     self.monitor.count_message(now);
                     self.update_health(unchanged_since, validated.from_camera, now);
                     self.queue.push(DeviceEvent::Image(image));
@@ -216,6 +267,24 @@ impl CaptureLoop {
             }
             stall_detector.check(clock::now(), 0)?;
         }
+        Ok(())
+    }
+
+    /// Applies settings. A device that refuses them keeps its own and streams on; that is reported.
+    fn apply_settings(
+        &mut self,
+        backend: &CameraBackend,
+        pending: PendingSettings,
+    ) -> Result<(), HwError> {
+        self.settings = Some(pending);
+        match backend.apply_settings(&pending.settings) {
+            Err(HwError::Unsupported { reason, .. }) => self.monitor.report_event(reason),
+            result => result?,
+        }
+        // An image that is being exposed or read out now was started with the settings before.
+        let frames = pending.delay_frames.saturating_sub(2) as f64;
+        let from = clock::now() + frames / f64::from(self.device.rate_hz.max(1.0));
+        self.in_force.change(from, backend.setting_in_force());
         Ok(())
     }
 

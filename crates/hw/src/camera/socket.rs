@@ -1,11 +1,13 @@
 //! How do images arrive from another program? Over a local stream socket, from the simulator or a separate driver.
 
+use std::cell::Cell;
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use localize::Stamp;
+use localize::robot::CameraSetting;
 
 use super::image::{BufferPool, CapturedImage, Encoding};
 use super::settings::CameraSettings;
@@ -20,6 +22,9 @@ const IO_TIMEOUT: Duration = Duration::from_millis(250);
 pub(super) struct ImageSocket {
     stream: UnixStream,
     path: String,
+    settings: Cell<CameraSettings>,
+    /// The other program reports exposure and gain of its images, and understands fractions of a gain.
+    reports_settings: Cell<bool>,
 }
 
 impl ImageSocket {
@@ -45,6 +50,8 @@ impl ImageSocket {
         let socket = ImageSocket {
             stream,
             path: device(),
+            settings: Cell::new(*settings),
+            reports_settings: Cell::new(false),
         };
         socket.send_settings(settings)?;
         Ok(socket)
@@ -52,11 +59,14 @@ impl ImageSocket {
 
     /// Sends camera settings to the other program.
     pub(super) fn send_settings(&self, settings: &CameraSettings) -> Result<(), HwError> {
+        self.settings.set(*settings);
+        let gain_centi = settings.gain.map(|gain| (gain * 100.0).round() as i32);
         let message = SettingsMessage {
             exposure_us: settings
                 .exposure
-                .map_or(-1, |seconds| (seconds * 1e6) as i32),
-            gain: settings.gain.unwrap_or(-1),
+                .map_or(-1, |seconds| (seconds * 1e6).round() as i32),
+            gain: settings.gain.map_or(-1, |gain| gain.round() as i32),
+            gain_centi: gain_centi.filter(|_| self.reports_settings.get()),
             white_balance_k: settings.white_balance_k.unwrap_or(-1),
         };
         (&self.stream)
@@ -88,6 +98,14 @@ impl ImageSocket {
             bytes.resize(length, 0);
             self.read(bytes)
         })?;
+        let setting = (header.exposure_us > 0).then(|| CameraSetting {
+            exposure: header.exposure_us as f32 * 1e-6,
+            gain: f32::from(header.gain_centi) * 0.01,
+        });
+        if setting.is_some() && !self.reports_settings.replace(true) {
+            // The first settings were sent with a rounded gain.
+            self.send_settings(&self.settings.get())?;
+        }
         Ok(CapturedImage {
             stamp: Stamp(header.stamp_ns),
             sequence: header.sequence,
@@ -96,6 +114,7 @@ impl ImageSocket {
             encoding,
             stride,
             repeated: false,
+            setting,
             data,
         })
     }

@@ -179,6 +179,8 @@ calls! {
     stream_off: write 19 u32;
     /// VIDIOC_S_PARM
     set_parameters: read_write 22 StreamParameters;
+    /// VIDIOC_G_CTRL
+    get_control: read_write 27 Control;
     /// VIDIOC_S_CTRL
     set_control: read_write 28 Control;
     /// VIDIOC_QUERYCTRL
@@ -281,6 +283,7 @@ mod tests {
             ("buffer.offset", offset_of!(Buffer, offset)),
             ("buffer.length", offset_of!(Buffer, length)),
             ("range.minimum", offset_of!(ControlRange, minimum)),
+            ("range.step", offset_of!(ControlRange, step)),
             ("range.flags", offset_of!(ControlRange, flags)),
         ] {
             writeln!(layout, "{name} {offset}").expect("text");

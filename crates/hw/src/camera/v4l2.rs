@@ -3,6 +3,7 @@
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use localize::Stamp;
+use localize::robot::CameraSetting;
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::Errno;
 
@@ -24,6 +25,8 @@ pub(super) const WHITE_BALANCE_TEMPERATURE: u32 = 0x0098_091A;
 /// Values of EXPOSURE_AUTO.
 const EXPOSURE_MANUAL: i32 = 1;
 const EXPOSURE_APERTURE: i32 = 3;
+/// Unit of V4L2's absolute exposure, seconds.
+const EXPOSURE_UNIT: f32 = 1e-4;
 /// Buffers in the driver: one being filled, one next, two spare for a delayed thread.
 const BUFFERS: u32 = 4;
 
@@ -143,6 +146,19 @@ impl V4l2 {
         Ok(())
     }
 
+    /// Exposure and gain that the device reports. `None` if it has no such controls.
+    pub(super) fn setting_in_force(&self) -> Option<CameraSetting> {
+        let get = |id| {
+            let mut control = sys::Control { id, value: 0 };
+            let result = sys::get_control(&self.fd, &mut control);
+            result.ok().map(|()| control.value)
+        };
+        Some(CameraSetting {
+            exposure: get(EXPOSURE_ABSOLUTE)? as f32 * EXPOSURE_UNIT,
+            gain: get(GAIN)? as f32,
+        })
+    }
+
     fn set_control(&self, id: u32, value: i32) -> Result<(), Errno> {
         let mut range = sys::ControlRange {
             id,
@@ -152,7 +168,7 @@ impl V4l2 {
         if range.flags & sys::CONTROL_DISABLED != 0 {
             return Err(Errno::INVAL);
         }
-        let value = value.clamp(range.minimum, range.maximum.max(range.minimum));
+        let value = value_in_range(value, &range);
         sys::set_control(&self.fd, &mut sys::Control { id, value })
     }
 
@@ -206,6 +222,7 @@ impl V4l2 {
             encoding: self.encoding,
             stride: self.stride,
             repeated: false,
+            setting: None,
             data: pool.fill(copy).ok()?,
         })
     }
@@ -310,6 +327,15 @@ fn buffer_stamp(buffer: &sys::Buffer, arrival: Stamp) -> Stamp {
     Stamp(buffer.seconds * 1_000_000_000 + buffer.microseconds * 1000)
 }
 
+/// The value within the range of a control that is nearest to `value`.
+fn value_in_range(value: i32, range: &sys::ControlRange) -> i32 {
+    let (minimum, maximum) = (i64::from(range.minimum), i64::from(range.maximum));
+    let step = i64::from(range.step.max(1));
+    let steps = (i64::from(value) - minimum + step / 2).div_euclid(step);
+    let nearest = (minimum + steps * step).clamp(minimum, maximum.max(minimum));
+    nearest as i32
+}
+
 /// A control to set; `required_as` is its name if the user configured it, so that a refusal is an error.
 #[derive(Debug, PartialEq)]
 struct ControlValue {
@@ -345,12 +371,15 @@ fn control_sequence(settings: &CameraSettings) -> Vec<ControlValue> {
             None,
         ),
     ];
-    // The unit of V4L2's absolute exposure is 100 µs.
     controls.extend(settings.exposure.map(|seconds| {
-        let value = (seconds * 1e4).round().max(1.0) as i32;
+        let value = (seconds / EXPOSURE_UNIT).round().max(1.0) as i32;
         control(EXPOSURE_ABSOLUTE, value, Some("exposure"))
     }));
-    controls.extend(settings.gain.map(|gain| control(GAIN, gain, Some("gain"))));
+    controls.extend(
+        settings
+            .gain
+            .map(|gain| control(GAIN, gain.round() as i32, Some("gain"))),
+    );
     controls.extend(
         settings
             .white_balance_k
@@ -392,6 +421,19 @@ mod tests {
             (WHITE_BALANCE_TEMPERATURE, 4500),
         ];
         assert_eq!(controls, expected);
+    }
+
+    #[test]
+    fn values_are_within_the_limits_and_steps_of_the_device() {
+        let range = sys::ControlRange {
+            minimum: 3,
+            maximum: 2047,
+            step: 4,
+            ..sys::ControlRange::default()
+        };
+        let nearest = |value| value_in_range(value, &range);
+        assert_eq!([i32::MIN, 0, 3, 4, 5, 8].map(nearest), [3, 3, 3, 3, 7, 7]);
+        assert_eq!([2046, 2048, i32::MAX].map(nearest), [2047; 3]);
     }
 
     #[test]

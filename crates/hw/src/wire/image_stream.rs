@@ -7,7 +7,10 @@ pub const SETTINGS_BYTES: usize = 16;
 /// Largest accepted image, bytes: 8192 × 8192 pixels of one byte.
 pub const IMAGE_BYTES_MAX: u32 = 1 << 26;
 const IMAGE_MAGIC: &[u8; 4] = b"MBF1";
+/// Settings with the gain in whole units, for every camera program.
 const SETTINGS_MAGIC: &[u8; 4] = b"MBS1";
+/// Settings with the gain in hundredths, for a program whose headers report exposure and gain.
+const FINE_SETTINGS_MAGIC: &[u8; 4] = b"MBS2";
 
 /// Header of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -26,6 +29,10 @@ pub struct ImageHeader {
     pub bytes: u32,
     /// Time of exposure, CLOCK_MONOTONIC, nanoseconds.
     pub stamp_ns: i64,
+    /// Exposure of this image, µs; 0 if unknown.
+    pub exposure_us: u32,
+    /// Gain of this image, hundredths; without meaning if the exposure is unknown.
+    pub gain_centi: i16,
 }
 
 /// Settings for the following images; −1 for automatic.
@@ -35,6 +42,8 @@ pub struct SettingsMessage {
     pub exposure_us: i32,
     /// Gain, unit of the camera.
     pub gain: i32,
+    /// Gain in hundredths of the unit, in place of `gain`, if the program understands it.
+    pub gain_centi: Option<i32>,
     /// White balance, kelvin.
     pub white_balance_k: i32,
 }
@@ -56,6 +65,8 @@ impl ImageHeader {
             place.copy_from_slice(&number.to_le_bytes());
         }
         bytes[28..36].copy_from_slice(&self.stamp_ns.to_le_bytes());
+        bytes[36..40].copy_from_slice(&self.exposure_us.to_le_bytes());
+        bytes[40..42].copy_from_slice(&self.gain_centi.to_le_bytes());
         let checksum = super::crc16(&bytes[..42]);
         bytes[42..].copy_from_slice(&checksum.to_le_bytes());
         bytes
@@ -74,6 +85,8 @@ impl ImageHeader {
             sequence: number(20),
             bytes: number(24),
             stamp_ns: (i64::from(number(32)) << 32) | i64::from(number(28)),
+            exposure_us: number(36),
+            gain_centi: i16::from_le_bytes([bytes[40], bytes[41]]),
         };
         let valid = bytes[..4] == *IMAGE_MAGIC
             && bytes[42..] == super::crc16(&bytes[..42]).to_le_bytes()
@@ -86,8 +99,12 @@ impl SettingsMessage {
     /// The bytes of the message.
     pub fn encode(&self) -> [u8; SETTINGS_BYTES] {
         let mut bytes = [0; SETTINGS_BYTES];
-        bytes[..4].copy_from_slice(SETTINGS_MAGIC);
-        let numbers = [self.exposure_us, self.gain, self.white_balance_k];
+        let (magic, gain) = match self.gain_centi {
+            Some(gain_centi) => (FINE_SETTINGS_MAGIC, gain_centi),
+            None => (SETTINGS_MAGIC, self.gain),
+        };
+        bytes[..4].copy_from_slice(magic);
+        let numbers = [self.exposure_us, gain, self.white_balance_k];
         for (place, number) in bytes[4..].chunks_exact_mut(4).zip(numbers) {
             place.copy_from_slice(&number.to_le_bytes());
         }
@@ -99,11 +116,13 @@ impl SettingsMessage {
         let number = |at: usize| {
             i32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
         };
+        let is_fine = bytes[..4] == *FINE_SETTINGS_MAGIC;
         let settings = SettingsMessage {
             exposure_us: number(4),
-            gain: number(8),
+            gain: if is_fine { number(8) / 100 } else { number(8) },
+            gain_centi: is_fine.then(|| number(8)),
             white_balance_k: number(12),
         };
-        (bytes[..4] == *SETTINGS_MAGIC).then_some(settings)
+        (is_fine || bytes[..4] == *SETTINGS_MAGIC).then_some(settings)
     }
 }

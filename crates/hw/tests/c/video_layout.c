@@ -19,6 +19,7 @@ int main(void)
     CALL("stream_on", VIDIOC_STREAMON, int);
     CALL("stream_off", VIDIOC_STREAMOFF, int);
     CALL("set_parameters", VIDIOC_S_PARM, struct v4l2_streamparm);
+    CALL("get_control", VIDIOC_G_CTRL, struct v4l2_control);
     CALL("set_control", VIDIOC_S_CTRL, struct v4l2_control);
     CALL("query_control", VIDIOC_QUERYCTRL, struct v4l2_queryctrl);
     OFFSET("capability.device_caps", struct v4l2_capability, device_caps);
@@ -35,6 +36,7 @@ int main(void)
     OFFSET("buffer.offset", struct v4l2_buffer, m.offset);
     OFFSET("buffer.length", struct v4l2_buffer, length);
     OFFSET("range.minimum", struct v4l2_queryctrl, minimum);
+    OFFSET("range.step", struct v4l2_queryctrl, step);
     OFFSET("range.flags", struct v4l2_queryctrl, flags);
     CONSTANT(V4L2_BUF_TYPE_VIDEO_CAPTURE);
     CONSTANT(V4L2_MEMORY_MMAP);

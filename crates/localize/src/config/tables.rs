@@ -7,6 +7,7 @@ const PROBABILITY: &str = "a probability";
 const NOISE: &str = "noise is not negative; beyond it the estimate is worthless";
 const STD: &str = "a standard deviation is not negative; beyond it nothing is known";
 const ANGLE_STD: &str = "a standard deviation is not negative; beyond it small angles end";
+const LOG_STD: &str = "the logarithm of a variance is not more uncertain than a factor of e³";
 const SECONDS: &str = "a duration in seconds, at most an hour";
 const TIME_CONSTANT: &str = "a time constant is divided by";
 const CELL: &str = "smaller cells fill the memory, larger ones hold no line";
@@ -46,12 +47,30 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
         "a longer step is no convergence",
     ),
     bound("matching.tilt_std_deg", 0.0, 10.0, ANGLE_STD),
+    bound("matching.spread_learning_std", 0.0, 3.0, LOG_STD),
     bound(
         "matching.viewpoint_height",
         0.05,
         5.0,
         "height of a mirror above the ground, metres",
     ),
+    // Map correction.
+    bound("map_correction.mirror_tilt_std_deg", 0.0, 5.0, ANGLE_STD),
+    bound("map_correction.mirror_offset_std", 0.0, 0.05, STD),
+    bound("map_correction.focal_std", 0.0, 0.2, STD),
+    bound("map_correction.height_std", 0.0, 0.2, STD),
+    bound("map_correction.smooth_std", 0.0, 0.2, STD),
+    bound(
+        "map_correction.drift_time",
+        1.0,
+        1e6,
+        "a time constant is divided by",
+    ),
+    bound("map_correction.information_share", 0.0, 1.0, SHARE),
+    bound("map_correction.step_distance", 0.0, 10.0, LIMIT),
+    bound("map_correction.step_turn_deg", 0.0, 360.0, LIMIT),
+    bound("map_correction.knock_log_odds", 0.0, 1000.0, LIMIT),
+    bound("map_correction.knock_check_period", 0.0, 3600.0, SECONDS),
     // Global search.
     bound("global_search.hough.pixel_size", 0.001, 0.1, CELL),
     bound("global_search.hough.range_max", 0.5, 40.0, RANGE),
@@ -288,14 +307,8 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
         "beyond it wheels might turn backwards",
     ),
     bound("filter.odometry_scale_drift", 0.0, 1.0, NOISE),
-    bound(
-        "filter.noise_adaptation_rate",
-        0.0,
-        1.0,
-        "a rate per image; beyond it the noise oscillates",
-    ),
-    bound("filter.systematic_position_std", 0.0, 10.0, STD),
-    bound("filter.systematic_heading_std_deg", 0.0, 90.0, ANGLE_STD),
+    bound("filter.odometry_coupling_std", 0.0, 1.0, STD),
+    bound("filter.noise_learning_std", 0.0, 3.0, LOG_STD),
     bound("filter.velocity_process_noise", 0.0, 1000.0, NOISE),
     bound("filter.yaw_rate_process_noise", 0.0, 1000.0, NOISE),
     bound("filter.gyro_noise_deg", 0.0, 180.0, NOISE),
@@ -340,6 +353,7 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
     bound("filter.decentralised.command_drift", 0.0, 10.0, NOISE),
     bound("filter.decentralised.command_drift_deg", 0.0, 180.0, NOISE),
     bound("filter.decentralised.wheel_timeout", 0.0, 3600.0, SECONDS),
+    bound("filter.decentralised.scale_std", 0.0, 1.0, STD),
     // Attitude.
     bound(
         "attitude.gravity_time_constant",

@@ -16,6 +16,8 @@ pub enum FilterKind {
     /// One filter for vision and one for odometry, both predicted with the commanded motion, and a node that fuses them
     /// (minho2016 eqs 6 to 9).
     Decentralised,
+    /// Odometry, corrected by each match as far as the curvature of its error function allows (nubot2013 4).
+    Curvature,
 }
 
 /// Noise of each motion sensor and of the prediction.
@@ -38,18 +40,16 @@ pub struct FilterConfig {
     /// Acceleration at which the wheels slide freely, m/s². At half of it they slide by a quarter. Requires an inertial
     /// unit.
     pub slip_acceleration: f32,
-    /// Initial standard deviation of the odometry scales. 0 fixes the scales at 1.
+    /// Initial standard deviation of the odometry scales. 0 fixes the odometry's correction at 1 (docs/methods.md 8.5).
     pub odometry_scale_std: f32,
+    /// Initial standard deviation of the couplings between the wheels' x, y and θ (wheels of unequal radius, a forward
+    /// direction that is off), as a share at 0.25 m from the centre. 0 estimates scales alone.
+    pub odometry_coupling_std: f32,
     /// Random walk of the scales, per square root of a second (carpet direction, wear, load).
     pub odometry_scale_drift: f32,
-    /// Learning rate per image of the wheel noise factor (docs/methods.md 8.8). 0 keeps the configured noise; 0.02
-    /// learns within some seconds.
-    pub noise_adaptation_rate: f32,
-    /// Position error of a match that successive images repeat (map, field, uneven light), metres. It is added to each
-    /// update and limits the accuracy of many images.
-    pub systematic_position_std: f32,
-    /// Heading error of a match that successive images repeat, degrees.
-    pub systematic_heading_std_deg: f32,
+    /// Initial standard deviation of the logarithm of each wheel noise variance (docs/methods.md 8.8): 1.2 stands for a
+    /// factor of 2 in the noise. 0 keeps the configured noise.
+    pub noise_learning_std: f32,
     /// Random walk of the velocity without an inertial unit, m/s per square root of a second. Large, so that the wheels
     /// determine the velocity.
     pub velocity_process_noise: f32,
@@ -96,10 +96,9 @@ impl Default for FilterConfig {
             odometry_drift_deg: 0.6,
             slip_acceleration: 3.0,
             odometry_scale_std: 0.05,
+            odometry_coupling_std: 0.02,
             odometry_scale_drift: 0.0005,
-            noise_adaptation_rate: 0.02,
-            systematic_position_std: 0.0015,
-            systematic_heading_std_deg: 0.04,
+            noise_learning_std: 1.2,
             velocity_process_noise: 10.0,
             yaw_rate_process_noise: 20.0,
             gyro_noise_deg: 0.06,
@@ -119,7 +118,7 @@ impl Default for FilterConfig {
     }
 }
 
-/// Noise of the commanded motion, and timeout of the wheels.
+/// Settings of the papers' filters: noise of the commanded motion, timeout and scale of the wheels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DecentralisedConfig {
@@ -131,6 +130,9 @@ pub struct DecentralisedConfig {
     pub command_drift_deg: f32,
     /// Age of the last wheel sample at which odometry is no longer a member, seconds.
     pub wheel_timeout: f32,
+    /// Standard deviation of the odometry scales, which this filter and the curvature filter do not estimate. It enters
+    /// the covariance.
+    pub scale_std: f32,
 }
 
 impl Default for DecentralisedConfig {
@@ -140,28 +142,41 @@ impl Default for DecentralisedConfig {
             command_drift: 0.05,
             command_drift_deg: 3.0,
             wheel_timeout: 0.2,
+            scale_std: 0.03,
         }
     }
 }
 
-/// Variances of a motion measured by the wheels.
+/// Variances of a motion measured by the wheels: terms of time, of length and of length squared.
 pub(super) struct WheelNoise {
-    /// Of x and y each, m².
-    pub(super) position: f32,
+    /// Along the motion and across it, m².
+    pub(super) position: [f32; 3],
     /// rad².
-    pub(super) heading: f32,
+    pub(super) heading: [f32; 3],
 }
+
+/// Error of each increment as a share of it, for wheels whose errors do not average out within an increment.
+const INCREMENT_ERROR_SHARE: f32 = 0.04;
+/// Rotation that comes with such an error of the length, radians per metre.
+const INCREMENT_ROTATION: f32 = 0.02;
 
 impl FilterConfig {
     /// Noise of the wheels over a motion (metres, metres, radians) of `seconds`, without slip (docs/methods.md 8.5).
     pub(super) fn wheel_noise(&self, [dx, dy, dtheta]: [f32; 3], seconds: f32) -> WheelNoise {
         let length = math::hypot(dx, dy);
+        let squared = |value: f32| value * value;
         WheelNoise {
-            position: self.odometry_noise_per_metre * self.odometry_noise_per_metre * length
-                + self.odometry_drift * self.odometry_drift * seconds,
-            heading: self.heading_noise_per_metre_deg.to_radians().powi(2) * length
-                + self.heading_noise_per_radian * self.heading_noise_per_radian * dtheta.abs()
-                + self.odometry_drift_deg.to_radians().powi(2) * seconds,
+            position: [
+                squared(self.odometry_drift) * seconds,
+                squared(self.odometry_noise_per_metre) * length,
+                squared(INCREMENT_ERROR_SHARE * length),
+            ],
+            heading: [
+                squared(self.odometry_drift_deg.to_radians()) * seconds,
+                squared(self.heading_noise_per_metre_deg.to_radians()) * length
+                    + squared(self.heading_noise_per_radian) * dtheta.abs(),
+                squared(INCREMENT_ERROR_SHARE * dtheta) + squared(INCREMENT_ROTATION * length),
+            ],
         }
     }
 }

@@ -1,104 +1,33 @@
 //! Decentralised filter of minho2016 IV.C, eqs 6 to 9 (docs/methods.md 8.11).
 //!
 //! Each member (vision, odometry) is a Kalman filter that predicts with the commanded motion and corrects with its own
-//! measurement. The node adds what each member learned since the last cycle, in information form. The members continue
-//! from the node's estimate, so odometry does not drift away.
+//! measurement: vision with a pose, odometry with the motion of the wheels. The node adds what each member learned beyond
+//! the common prediction, in information form. Members continue from the node's estimate. Motions are measured relative
+//! to that estimate, so the covariance grows without vision.
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::config::WheelNoise;
+use super::dead_reckoning::{DeadReckoning, Motion};
 use super::pose_gaussian::{PoseMeasurement, retract};
 use super::{FilterConfig, PredictionInput, WheelIncrement};
-use crate::frames::{Pose, RobotFrame, Tf, wrap_angle};
+use crate::frames::Pose;
 use crate::math;
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
 pub use super::config::DecentralisedConfig;
 
-/// Transform from the robot frame now to the robot frame at the last cycle.
-type Motion = Tf<RobotFrame, RobotFrame>;
-
-/// Information form of a Gaussian: P⁻¹ and P⁻¹X.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A member's estimate in information form: P⁻¹ and P⁻¹X, with X relative to the common prediction.
 struct Information {
     matrix: Matrix3<f32>,
     vector: Vector3<f32>,
-}
-
-impl Information {
-    fn zero() -> Self {
-        Information {
-            matrix: Matrix3::zeros(),
-            vector: Vector3::zeros(),
-        }
-    }
-}
-
-/// A member's local filter.
-#[derive(Debug, Clone, PartialEq)]
-struct LocalFilter {
-    covariance: Matrix3<f32>,
-    /// Information last sent to the node. None while the member has no measurement.
-    sent: Option<Information>,
-}
-
-impl LocalFilter {
-    fn new(covariance: Matrix3<f32>) -> Self {
-        LocalFilter {
-            covariance,
-            sent: None,
-        }
-    }
-
-    /// Kalman filter step. Deviations are relative to the node's last estimate.
-    ///
-    /// Returns the posterior deviation, or None if S is singular.
-    fn update(
-        &mut self,
-        predicted: &Vector3<f32>,
-        process_noise: &Matrix3<f32>,
-        measured: &Vector3<f32>,
-        measurement_noise: &Matrix3<f32>,
-    ) -> Option<Vector3<f32>> {
-        let prior = self.covariance + process_noise;
-        let gain = prior * (prior + measurement_noise).try_inverse()?;
-        let posterior = prior - gain * prior;
-        self.covariance = (posterior + posterior.transpose()) * 0.5;
-        let mut innovation = measured - predicted;
-        innovation[2] = wrap_angle(innovation[2]);
-        Some(predicted + gain * innovation)
-    }
-
-    /// Eqs 6 and 7: information gained since the last cycle. A member without a measurement withdraws its information.
-    fn information_increment(&mut self, deviation: Option<Vector3<f32>>) -> Information {
-        let current = deviation.and_then(|deviation| {
-            let matrix = self.covariance.try_inverse()?;
-            Some(Information {
-                matrix,
-                vector: matrix * deviation,
-            })
-        });
-        let before = self.sent.unwrap_or_else(Information::zero);
-        let after = current.unwrap_or_else(Information::zero);
-        self.sent = current;
-        Information {
-            matrix: after.matrix - before.matrix,
-            vector: after.vector - before.vector,
-        }
-    }
 }
 
 /// The node with its two members.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DecentralisedFilter {
     /// The node's estimate after its last cycle.
-    fused_pose: Pose,
-    covariance: Matrix3<f32>,
-    /// The node's information about the deviation from `fused_pose`. Zero before the first measurement.
-    information: Information,
-    vision: LocalFilter,
-    odometry: LocalFilter,
+    fused: DeadReckoning,
     /// Commanded motion since the last cycle, robot frame at that time.
     commanded_motion: Motion,
     /// Motion measured by the wheels since the last cycle, same frame.
@@ -111,16 +40,13 @@ pub struct DecentralisedFilter {
     wheel_twist: Twist,
     latency: f32,
     collision: CollisionDetector,
+    noise: FilterConfig,
 }
 
 impl DecentralisedFilter {
     pub(super) fn new(pose: Pose, covariance: &Matrix3<f32>, config: &FilterConfig) -> Self {
         DecentralisedFilter {
-            fused_pose: pose,
-            covariance: *covariance,
-            information: Information::zero(),
-            vision: LocalFilter::new(*covariance),
-            odometry: LocalFilter::new(*covariance),
+            fused: DeadReckoning::new(pose, covariance, config.decentralised.scale_std),
             commanded_motion: Motion::new(0.0, 0.0, 0.0),
             wheel_motion: Motion::new(0.0, 0.0, 0.0),
             elapsed: 0.0,
@@ -129,21 +55,16 @@ impl DecentralisedFilter {
             wheel_twist: Twist::default(),
             latency: config.camera_latency,
             collision: CollisionDetector::default(),
+            noise: config.clone(),
         }
     }
 
-    /// The node's estimate, moved by the wheels, or by the command without them.
     pub(super) fn pose(&self) -> Pose {
-        let motion = if self.wheels_active() {
-            self.wheel_motion
-        } else {
-            self.commanded_motion
-        };
-        self.fused_pose * motion
+        self.odometry_member().pose
     }
 
     pub(super) fn covariance(&self) -> Matrix3<f32> {
-        self.covariance
+        self.odometry_member().covariance()
     }
 
     pub(super) fn twist(&self) -> Twist {
@@ -201,76 +122,75 @@ impl DecentralisedFilter {
         self.wheel_silence = f32::INFINITY;
     }
 
+    /// The common prediction of both members by the commanded motion.
+    fn commanded(&self) -> DeadReckoning {
+        let mut commanded = self.fused.clone();
+        commanded.predict(self.commanded_motion, &self.command_covariance());
+        commanded
+    }
+
+    /// The odometry's Kalman filter: the commanded motion, corrected by the wheels' motion since the last cycle.
+    fn odometry_member(&self) -> DeadReckoning {
+        let command_noise = self.command_covariance();
+        let (mut motion, mut noise) = (self.commanded_motion, command_noise);
+        if self.wheels_active() {
+            let gain = (command_noise + self.wheel_covariance()).try_inverse();
+            if let Some(gain) = gain.map(|inverse| command_noise * inverse) {
+                let by = |motion: Motion| Vector3::new(motion.x, motion.y, motion.theta);
+                let step = gain * (by(self.wheel_motion) - by(motion));
+                motion = Motion::new(
+                    motion.x + step[0],
+                    motion.y + step[1],
+                    motion.theta + step[2],
+                );
+                noise = command_noise - gain * command_noise;
+            }
+        }
+        let mut member = self.fused.clone();
+        member.predict(motion, &noise);
+        member
+    }
+
     /// One cycle: the members filter, the node fuses their information (eqs 8 and 9).
     ///
     /// `measurement`: pose measured by vision. None without one.
-    pub(super) fn fuse(&mut self, measurement: Option<PoseMeasurement>, config: &FilterConfig) {
-        // All deviations are relative to the node's last estimate, so headings are small angles.
-        let origin = self.fused_pose;
-        let commanded = (origin * self.commanded_motion).difference(origin);
-        let process_noise = self.command_covariance(config);
-        let vision = measurement.and_then(|PoseMeasurement { pose, covariance }| {
-            let measured = pose.difference(origin);
-            self.vision
-                .update(&commanded, &process_noise, &measured, &covariance)
-        });
-        if vision.is_none() {
-            self.vision.covariance += process_noise;
+    pub(super) fn fuse(&mut self, measurement: Option<PoseMeasurement>) {
+        let commanded = self.commanded();
+        let odometry = self.odometry_member();
+        let mut vision = commanded.clone();
+        if let Some(measurement) = &measurement {
+            vision.update(measurement);
         }
-        let odometry = self.wheels_active().then(|| {
-            let measured = (origin * self.wheel_motion).difference(origin);
-            let noise = self.wheel_covariance(config);
-            self.odometry
-                .update(&commanded, &process_noise, &measured, &noise)
-        });
-        let odometry = odometry.flatten();
-        if odometry.is_none() {
-            // When the wheels return, this member starts from the node's covariance.
-            self.odometry.covariance = self.covariance + process_noise;
-        }
-        for increment in [
-            self.vision.information_increment(vision),
-            self.odometry.information_increment(odometry),
-        ] {
-            self.information.matrix += increment.matrix;
-            self.information.vector += increment.vector;
-        }
-        let covariance = self.information.matrix.try_inverse().filter(|covariance| {
-            let variances = covariance.diagonal();
-            variances
+        // X is relative to the commanded pose, where the common prediction has X = 0.
+        let information = |member: &DeadReckoning| {
+            let matrix = member.covariance().try_inverse()?;
+            let vector = matrix * member.pose.difference(commanded.pose);
+            Some(Information { matrix, vector })
+        };
+        let fused = commanded.covariance().try_inverse().and_then(|predicted| {
+            // Eqs 6 and 7, relative to the prediction; eqs 8 and 9.
+            let (vision, odometry) = (information(&vision)?, information(&odometry)?);
+            let sum = predicted + (vision.matrix - predicted) + (odometry.matrix - predicted);
+            let covariance = sum.try_inverse()?;
+            let is_valid = covariance
+                .diagonal()
                 .iter()
-                .all(|variance| *variance > 0.0 && variance.is_finite())
+                .all(|variance| *variance > 0.0 && variance.is_finite());
+            let step = covariance * (vision.vector + odometry.vector);
+            is_valid.then(|| (retract(commanded.pose, &step), covariance))
         });
-        match covariance {
-            Some(covariance) if vision.is_some() || odometry.is_some() => {
-                self.fused_pose = retract(origin, &(covariance * self.information.vector));
-                self.covariance = (covariance + covariance.transpose()) * 0.5;
-            }
-            // Without members the commanded motion alone.
-            _ => {
-                self.fused_pose = origin * self.commanded_motion;
-                self.covariance += process_noise;
-                self.information = Information::zero();
-            }
+        self.fused = odometry;
+        if let (Some((pose, covariance)), Some(_)) = (fused, measurement) {
+            self.fused.set_posterior(pose, &covariance);
         }
-        self.rebase_information(&self.fused_pose.difference(origin));
         self.commanded_motion = Motion::new(0.0, 0.0, 0.0);
         self.wheel_motion = Motion::new(0.0, 0.0, 0.0);
         self.elapsed = 0.0;
     }
 
-    /// Expresses all information relative to the new estimate, `step` away from the old one.
-    fn rebase_information(&mut self, step: &Vector3<f32>) {
-        let sent = [&mut self.vision, &mut self.odometry].map(|member| member.sent.as_mut());
-        let node = std::iter::once(&mut self.information);
-        for information in node.chain(sent.into_iter().flatten()) {
-            information.vector -= information.matrix * step;
-        }
-    }
-
     /// Process noise: uncertainty of the commanded motion.
-    fn command_covariance(&self, config: &FilterConfig) -> Matrix3<f32> {
-        let noise = &config.decentralised;
+    fn command_covariance(&self) -> Matrix3<f32> {
+        let noise = &self.noise.decentralised;
         let translation =
             noise.command_noise * math::hypot(self.commanded_motion.x, self.commanded_motion.y);
         let rotation = noise.command_noise * self.commanded_motion.theta;
@@ -282,39 +202,24 @@ impl DecentralisedFilter {
     }
 
     /// Measurement noise of the wheels (docs/methods.md 8.5).
-    fn wheel_covariance(&self, config: &FilterConfig) -> Matrix3<f32> {
+    fn wheel_covariance(&self) -> Matrix3<f32> {
         let Motion { x, y, theta, .. } = self.wheel_motion;
-        let WheelNoise { position, heading } = config.wheel_noise([x, y, theta], self.elapsed);
+        let noise = self.noise.wheel_noise([x, y, theta], self.elapsed);
+        let [position, heading] = [noise.position, noise.heading].map(|terms| terms.iter().sum());
         // The floor keeps the matrix invertible for a robot at rest.
         Matrix3::from_diagonal(&Vector3::new(position, position, heading).add_scalar(1e-9))
     }
 
     pub(super) fn inflate_covariance(&mut self, factor: f32) {
-        self.covariance *= factor;
-        self.vision.covariance *= factor;
-        self.odometry.covariance *= factor;
+        self.fused.inflate_covariance(factor);
     }
 
     /// The same estimate in the other field half.
     pub(super) fn half_turned(&self) -> Self {
-        let mut turned = self.clone();
-        let pose = self.fused_pose;
-        turned.fused_pose = Pose::new(-pose.x, -pose.y, pose.theta + std::f32::consts::PI);
-        for matrix in [
-            &mut turned.covariance,
-            &mut turned.vision.covariance,
-            &mut turned.odometry.covariance,
-        ] {
-            for i in 0..2 {
-                matrix[(i, 2)] = -matrix[(i, 2)];
-                matrix[(2, i)] = -matrix[(2, i)];
-            }
+        DecentralisedFilter {
+            fused: self.fused.half_turned(),
+            ..self.clone()
         }
-        for member in [&mut turned.vision, &mut turned.odometry] {
-            member.sent = None;
-        }
-        turned.information = Information::zero();
-        turned
     }
 }
 

@@ -1,11 +1,15 @@
 //! Pose filters: fusion of wheels, inertial unit and matched images (docs/methods.md 8).
 //!
-//! `joint` is one extended Kalman filter over motion and sensor errors. `decentralised` is the filter of minho2016.
+//! `joint` is one extended Kalman filter over motion and sensor errors. `decentralised` is the filter of minho2016,
+//! `curvature` that of nubot2013.
 
 mod config;
+pub mod curvature;
+mod dead_reckoning;
 pub mod decentralised;
 mod inputs;
 pub mod joint;
+pub(crate) mod log_variance;
 mod pose_gaussian;
 
 pub use config::{FilterConfig, FilterKind};
@@ -14,10 +18,11 @@ pub use inputs::{ImuInterval, PredictionInput, TiltEstimate, TiltPrior, WheelInc
 use nalgebra::Matrix3;
 
 use crate::frames::Pose;
-use crate::matching::{Match, Matrix5, PosePrior};
+use crate::matching::{Match, Matrix5, PARAMETERS, PosePrior, UNINFORMATIVE_PRIOR};
 use crate::math;
 use crate::omni::Twist;
 
+use curvature::CurvatureFilter;
 use decentralised::DecentralisedFilter;
 use joint::JointFilter;
 use pose_gaussian::{PoseMeasurement, PosePosterior};
@@ -33,6 +38,8 @@ pub enum PoseFilter {
     Joint(JointFilter),
     /// See [`FilterKind::Decentralised`].
     Decentralised(DecentralisedFilter),
+    /// See [`FilterKind::Curvature`].
+    Curvature(CurvatureFilter),
 }
 
 macro_rules! either {
@@ -40,6 +47,7 @@ macro_rules! either {
         match $either {
             PoseFilter::Joint($filter) => $call,
             PoseFilter::Decentralised($filter) => $call,
+            PoseFilter::Curvature($filter) => $call,
         }
     };
 }
@@ -56,12 +64,15 @@ impl PoseFilter {
             FilterKind::Joint => {
                 let previous = previous.and_then(|previous| match previous {
                     PoseFilter::Joint(joint) => Some(joint),
-                    PoseFilter::Decentralised(_) => None,
+                    PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => None,
                 });
                 PoseFilter::Joint(JointFilter::new(pose, covariance, previous, config))
             }
             FilterKind::Decentralised => {
                 PoseFilter::Decentralised(DecentralisedFilter::new(pose, covariance, config))
+            }
+            FilterKind::Curvature => {
+                PoseFilter::Curvature(CurvatureFilter::new(pose, covariance, config))
             }
         }
     }
@@ -85,7 +96,7 @@ impl PoseFilter {
     pub fn scales(&self) -> [f32; 2] {
         match self {
             PoseFilter::Joint(joint) => joint.scales(),
-            PoseFilter::Decentralised(_) => [1.0; 2],
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => [1.0; 2],
         }
     }
 
@@ -93,16 +104,13 @@ impl PoseFilter {
     pub fn gyro_bias(&self) -> f32 {
         match self {
             PoseFilter::Joint(joint) => joint.gyro_bias(),
-            PoseFilter::Decentralised(_) => 0.0,
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => 0.0,
         }
     }
 
     /// Estimated time from an image's exposure to its stamp, seconds.
     pub fn latency(&self) -> f32 {
-        match self {
-            PoseFilter::Joint(joint) => joint.latency(),
-            PoseFilter::Decentralised(filter) => filter.latency(),
-        }
+        either!(self, filter => filter.latency())
     }
 
     /// Is a collision in progress, so that wheel samples are skipped?
@@ -148,9 +156,9 @@ impl PoseFilter {
     }
 
     /// Takes note of an image without enough line points.
-    pub fn update_without_vision(&mut self, config: &FilterConfig) {
+    pub fn update_without_vision(&mut self) {
         if let PoseFilter::Decentralised(filter) = self {
-            filter.fuse(None, config);
+            filter.fuse(None);
         }
     }
 
@@ -158,18 +166,24 @@ impl PoseFilter {
     pub fn tilt(&self) -> Option<TiltEstimate> {
         match self {
             PoseFilter::Joint(joint) => joint.tilt(),
-            PoseFilter::Decentralised(_) => None,
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => None,
         }
     }
 
     /// Prior of pose and tilt at an image's exposure, for the matcher.
+    ///
+    /// The curvature filter has none: its match depends on the points alone and starts at the predicted pose.
     pub fn pose_prior(&self, tilt_prior: TiltPrior) -> PosePrior {
+        let predicted = self.predicted_covariance(tilt_prior);
+        let mut information = predicted.try_inverse().unwrap_or_else(Matrix5::zeros);
+        if matches!(self, PoseFilter::Curvature(_)) {
+            information
+                .fixed_view_mut::<3, 3>(0, 0)
+                .copy_from(&UNINFORMATIVE_PRIOR);
+        }
         PosePrior {
             pose: self.pose(),
-            information: self
-                .predicted_covariance(tilt_prior)
-                .try_inverse()
-                .unwrap_or_else(Matrix5::zeros),
+            information,
         }
     }
 
@@ -177,14 +191,14 @@ impl PoseFilter {
     fn predicted_covariance(&self, tilt_prior: TiltPrior) -> Matrix5 {
         match self {
             PoseFilter::Joint(joint) => joint.predicted_covariance(tilt_prior),
-            PoseFilter::Decentralised(filter) => {
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => {
                 let std = match tilt_prior {
                     TiltPrior::FromState => 1.0,
                     TiltPrior::Independent(std) => std,
                 };
                 let mut full = Matrix5::from_diagonal_element(std * std);
                 full.fixed_view_mut::<3, 3>(0, 0)
-                    .copy_from(&filter.covariance());
+                    .copy_from(&self.covariance());
                 full
             }
         }
@@ -195,8 +209,13 @@ impl PoseFilter {
     pub fn normalized_innovation_squared(&self, matched: &Match) -> f32 {
         let predicted = self.predicted_covariance(TiltPrior::FromState);
         let predicted = predicted.fixed_view::<3, 3>(0, 0);
-        // Directions that the match left free are not updated. One per cent of S keeps them invertible.
-        let covariance = predicted * 1.01 - matched.covariance;
+        // Directions that the match left free are not updated. A tenth of S keeps them invertible: the matcher's robust
+        // error moves them a little, too.
+        let covariance = match self {
+            // The match does not contain the prediction: S + R.
+            PoseFilter::Curvature(_) => predicted + matched.covariance,
+            _ => predicted * 1.1 - matched.covariance,
+        };
         let innovation = matched.pose.difference(self.pose());
         covariance.try_inverse().map_or(0.0, |inverse| {
             innovation.dot(&(inverse * innovation)).max(0.0)
@@ -218,7 +237,8 @@ impl PoseFilter {
                     joint.update(&posterior, TiltPrior::FromState, config);
                 }
             }
-            PoseFilter::Decentralised(filter) => filter.fuse(Some(measurement), config),
+            PoseFilter::Decentralised(filter) => filter.fuse(Some(measurement)),
+            PoseFilter::Curvature(filter) => filter.update(&measurement),
         }
     }
 
@@ -243,8 +263,24 @@ impl PoseFilter {
                     &filter.covariance(),
                     &posterior,
                 );
-                filter.fuse(measurement, config);
+                filter.fuse(measurement);
             }
+            PoseFilter::Curvature(filter) => filter.update(&PoseMeasurement {
+                pose: matched.pose,
+                covariance: matched.covariance,
+            }),
+        }
+    }
+
+    /// Learns the wheels' noise from a match under this filter's prediction that [`PoseFilter::update`] will not take.
+    pub fn learn_noise(&mut self, matched: &Match, tilt_prior: TiltPrior) {
+        if let PoseFilter::Joint(joint) = self {
+            let posterior = PosePosterior {
+                pose: matched.pose,
+                tilt: matched.tilt,
+                covariance: matched.pose_tilt_covariance,
+            };
+            joint.learn_wheel_noise(&posterior, tilt_prior);
         }
     }
 
@@ -253,11 +289,21 @@ impl PoseFilter {
         either!(self, filter => filter.inflate_covariance(factor.max(1.0)));
     }
 
+    /// Moves pose (x, y, θ) and camera tilt (a, b) by a step that a correction of the map implies. Covariances stay.
+    pub fn shift_pose(&mut self, step: [f32; PARAMETERS]) {
+        match self {
+            PoseFilter::Joint(joint) => joint.shift_pose(step),
+            // The members measure the pose again with the next images.
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => {}
+        }
+    }
+
     /// The same estimate in the other field half.
     pub fn half_turned(&self) -> Self {
         match self {
             PoseFilter::Joint(joint) => PoseFilter::Joint(joint.half_turned()),
             PoseFilter::Decentralised(filter) => PoseFilter::Decentralised(filter.half_turned()),
+            PoseFilter::Curvature(filter) => PoseFilter::Curvature(filter.half_turned()),
         }
     }
 }

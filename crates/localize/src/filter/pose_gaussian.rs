@@ -2,7 +2,6 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::FilterConfig;
 use crate::frames::Pose;
 use crate::matching::Matrix5;
 
@@ -66,11 +65,4 @@ pub(super) fn recover_measurement(
         pose: retract(predicted, &step),
         covariance: (covariance + covariance.transpose()) * 0.5,
     })
-}
-
-/// Q_rep of docs/methods.md 8.7: the part of a match's error that successive images repeat.
-pub(super) fn systematic_covariance(config: &FilterConfig) -> Matrix3<f32> {
-    let position = config.systematic_position_std * config.systematic_position_std;
-    let heading = config.systematic_heading_std_deg.to_radians().powi(2);
-    Matrix3::from_diagonal(&Vector3::new(position, position, heading))
 }

@@ -17,6 +17,9 @@ pub(super) struct HalfEvidence {
     /// The log odds have reached their maximum, or the half was given.
     established: bool,
     compass_monitor: Option<CompassMonitor>,
+    /// Log odds of contradicting readings that do not count yet, at most 0. They leave the half unknown until the robot
+    /// has turned far enough to tell a working compass from a stuck one.
+    withheld: f32,
 }
 
 /// Weight of one image's goals, below 1 since successive images show the same goal in the same light.
@@ -51,13 +54,18 @@ impl HalfEvidence {
         HalfEvidence {
             log_odds: config.log_odds_max,
             established: true,
-            compass_monitor: None,
+            ..HalfEvidence::default()
         }
     }
 
     /// Log odds of the tracked half.
     pub(super) fn log_odds(&self) -> f32 {
         self.log_odds
+    }
+
+    /// Log odds that include contradicting readings which do not count yet.
+    pub(super) fn cautious_log_odds(&self) -> f32 {
+        self.log_odds + self.withheld
     }
 
     /// Adds the log odds of an image's coloured goals.
@@ -81,26 +89,37 @@ impl HalfEvidence {
         }
     }
 
-    /// Adds a compass reading. `heading`: tracked heading at `stamp`.
+    /// Adds a compass reading. `heading`: tracked heading at `stamp`. `undisturbed`: the reading agrees with the gyro.
+    ///
+    /// A reading that contradicts the gyro or an established half counts once the compass has followed a rotation.
     pub(super) fn update_compass(
         &mut self,
         stamp: Stamp,
         heading: f32,
         reading: f32,
+        undisturbed: bool,
         config: &CompassConfig,
     ) {
         let deviation = wrap_angle(heading - reading);
-        let monitor = match self.compass_monitor {
+        let previous = self.compass_monitor;
+        let monitor = match previous {
             Some(monitor) => monitor.update(stamp, heading, deviation, config),
             None => CompassMonitor::new(stamp, heading, deviation),
         };
         self.compass_monitor = Some(monitor);
+        if monitor.count == 1.0 {
+            // The compass did not follow the robot: what it said before is void.
+            self.withheld = 0.0;
+        }
         let log_odds = reading_log_odds(deviation, config);
         let verified = monitor.rotation_max >= config.verified_turn_deg.to_radians();
-        if log_odds >= 0.0 || verified || !self.established {
+        if verified || undisturbed && (log_odds >= 0.0 || !self.established) {
+            self.withheld = 0.0;
             self.log_odds =
                 (self.log_odds + log_odds).clamp(-config.log_odds_max, config.log_odds_max);
             self.established |= self.log_odds >= config.log_odds_max;
+        } else {
+            self.withheld = (self.withheld + log_odds).clamp(-2.0 * config.log_odds_max, 0.0);
         }
     }
 }
@@ -170,6 +189,7 @@ mod tests {
                 Stamp::from_seconds(f64::from(time)),
                 heading,
                 reading,
+                true,
                 &config,
             );
         }
@@ -192,11 +212,22 @@ mod tests {
     }
 
     #[test]
+    fn contradiction_leaves_an_established_half_unknown_until_the_robot_has_turned() {
+        let config = CompassConfig::default();
+        let mut half = HalfEvidence::external(&config);
+        for k in 0..30 {
+            // At rest nobody can tell a stuck compass from a robot that was turned around.
+            half.update_compass(Stamp(k * 33_000_000), 0.0, 3.1, false, &config);
+        }
+        assert!(half.log_odds() >= 9.0 && half.cautious_log_odds() < config.half_known_log_odds);
+    }
+
+    #[test]
     fn unestablished_half_flips_within_three_readings() {
         let mut half = HalfEvidence::with_log_odds(2.0);
         let config = CompassConfig::default();
         for k in 0..3 {
-            half.update_compass(Stamp(k * 33_000_000), 0.0, 3.1, &config);
+            half.update_compass(Stamp(k * 33_000_000), 0.0, 3.1, true, &config);
         }
         assert!(half.log_odds() < -2.0, "{}", half.log_odds());
     }

@@ -49,12 +49,14 @@ impl Localizer {
             twist: Twist { x, y, theta },
         });
         if interval > gap_max {
+            self.fit_monitor.restart_wheels();
             self.odometry_continuous &= self
                 .motion_inputs
                 .imu_active(sample.stamp, &self.config.attitude);
             self.receive(MotionMeasurement::WheelsRestarted(*sample));
             return;
         }
+        self.fit_monitor.add_wheels(motion);
         // `predict_to` has already moved the particles over a part of the interval if an image lies within it.
         let remaining = self
             .particles_stamp
@@ -91,24 +93,33 @@ impl Localizer {
         let Some(heading) = self.config.compass.heading(sample) else {
             return;
         };
-        self.last_compass = Some(Compass { heading, ..*sample });
-        let undisturbed = !self
-            .motion_inputs
-            .imu_active(sample.stamp, &self.config.attitude)
-            || self.motion_inputs.attitude.update_compass(
-                sample.stamp,
-                heading,
-                &self.config.attitude,
-            );
+        let compass = Compass { heading, ..*sample };
+        self.last_compass = Some(compass);
+        self.receive(MotionMeasurement::Compass(compass));
+    }
+
+    /// Corrects the attitude by a compass reading, and adds it to the evidence for the field half.
+    fn apply_compass(&mut self, sample: &Compass) {
+        let heading = sample.heading;
+        let attitude = &self.config.attitude;
+        let undisturbed = !self.motion_inputs.imu_active(sample.stamp, attitude)
+            || self
+                .motion_inputs
+                .attitude
+                .update_compass(sample.stamp, heading, attitude);
         let config = &self.config.compass;
+        let age = self.filter_stamp.seconds_until(sample.stamp);
         if let Some(track) = self.state.track_mut()
-            && undisturbed
-            && self.filter_stamp.seconds_until(sample.stamp).abs() <= config.age_max
+            && age.abs() <= config.age_max
         {
-            let expected = track.filter.pose().theta;
-            track
-                .half_evidence
-                .update_compass(sample.stamp, expected, heading, config);
+            let expected = track.filter.pose().theta + track.filter.twist().theta * age as f32;
+            track.half_evidence.update_compass(
+                sample.stamp,
+                expected,
+                heading,
+                undisturbed,
+                config,
+            );
         }
     }
 
@@ -134,10 +145,14 @@ impl Localizer {
     /// Adds log odds of the tracked pose's field half from another source than the compass: the team's ball
     /// (docs/methods.md 12.3).
     pub fn add_half_log_odds(&mut self, log_odds: f32) {
-        if let Some(track) = self.state.track_mut() {
-            track
-                .half_evidence
-                .add_log_odds(log_odds, &self.config.compass);
+        // A late image restarts from the snapshot.
+        let snapshot = self.snapshot.as_mut().map(|snapshot| &mut snapshot.state);
+        for state in [Some(&mut self.state), snapshot].into_iter().flatten() {
+            if let Some(track) = state.track_mut() {
+                track
+                    .half_evidence
+                    .add_log_odds(log_odds, &self.config.compass);
+            }
         }
     }
 
@@ -162,14 +177,9 @@ impl Localizer {
         else {
             return Vec::new();
         };
-        // Compass readings are not buffered, so evidence received since the snapshot is kept.
-        let half_evidence = self.state.track().map(|track| track.half_evidence);
         self.filter_stamp = snapshot.filter_stamp;
         self.motion_inputs = snapshot.motion_inputs;
         self.state = snapshot.state;
-        if let (Some(track), Some(half_evidence)) = (self.state.track_mut(), half_evidence) {
-            track.half_evidence = half_evidence;
-        }
         let mut later = std::mem::take(&mut self.buffered);
         let split = later.partition_point(|measurement| measurement.stamp() <= exposed);
         for measurement in later.drain(..split) {
@@ -230,6 +240,11 @@ impl Localizer {
 
     /// Applies a sample to all filters and buffers it for a late image.
     pub(super) fn receive(&mut self, measurement: MotionMeasurement) {
+        if let MotionMeasurement::Compass(compass) = &measurement {
+            self.apply_compass(compass);
+            self.buffer(measurement);
+            return;
+        }
         let stamp = measurement.stamp();
         // Before the first image or sample there is no interval to predict over.
         let from = if self.filter_stamp.0 == i64::MIN {
@@ -252,6 +267,11 @@ impl Localizer {
         };
         self.predict(&input, to);
         self.apply_measurement(&measurement, stationary);
+        self.buffer(measurement);
+    }
+
+    /// Keeps a sample for a late image.
+    fn buffer(&mut self, measurement: MotionMeasurement) {
         if self.buffered.len() >= BUFFERED_MAX {
             self.buffered.clear();
             self.snapshot = None;
@@ -276,6 +296,7 @@ impl Localizer {
                 self.state.for_each_filter(PoseFilter::restart_wheels);
             }
             MotionMeasurement::Command(command) => inputs.receive_command(command.twist),
+            MotionMeasurement::Compass(_) => {}
             MotionMeasurement::Imu(_) => {
                 if let Some(seconds) = stationary {
                     self.state

@@ -6,7 +6,10 @@
 
 mod candidates;
 mod field_half;
+mod fit_monitor;
+mod global_check;
 mod global_localization;
+mod map_learning;
 mod match_figures;
 mod measurements;
 mod motion_inputs;
@@ -14,6 +17,7 @@ mod output;
 mod state;
 mod tilt_bias;
 mod tilt_compensation;
+mod tilt_spread;
 mod track;
 mod transitions;
 
@@ -30,6 +34,7 @@ use crate::frames::Pose;
 use crate::global_search::branch_and_bound::BranchAndBound;
 use crate::global_search::scan_map::ScanMap;
 use crate::global_search::{GlobalSearch, GlobalSearchMethod};
+use crate::map_correction::MapCorrection;
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
 use crate::omni::Twist;
@@ -38,10 +43,12 @@ use crate::stamp::Stamp;
 
 use candidates::Candidates;
 use field_half::HalfEvidence;
+use fit_monitor::FitMonitor;
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
-use state::State;
+use state::{GlobalCheck, State};
 use tilt_bias::TiltBias;
+use tilt_spread::TiltSpread;
 
 /// Localizes one robot on one field.
 ///
@@ -102,12 +109,20 @@ pub struct Localizer {
     /// Goals in the image of this stamp.
     pending_goals: Option<(Stamp, Vec<GoalObservation>)>,
     tilt_bias: TiltBias,
+    tilt_spread: TiltSpread,
     /// Prior of the current image's tilt.
     tilt_prior: TiltPrior,
     /// Posterior variances of the tilt in the last tracked image, rad².
     tilt_variances: Option<[f32; 2]>,
+    /// Check of the tracked pose against the whole field, a part in each image.
+    global_check: Option<GlobalCheck>,
     /// Smoothed over about a second of tracked images.
     mean_inlier_share: f32,
+    fit_monitor: FitMonitor,
+    /// None: the map counts as exact.
+    map_correction: Option<Box<MapCorrection>>,
+    /// Consecutive images that fit nowhere on the field.
+    lost_images: u32,
 }
 
 /// What odometry changes, at the time of one image.
@@ -159,7 +174,9 @@ impl Localizer {
         );
         let (half_x, half_y) = field.carpet_half_extent();
         let heading_variance = std::f32::consts::PI * std::f32::consts::PI / 3.0;
-        Localizer {
+        let mut localizer = Localizer {
+            map_correction: None,
+            lost_images: 0,
             matcher: Matcher::new(config.matching.clone()),
             distance_field: distances,
             search,
@@ -174,6 +191,8 @@ impl Localizer {
             filter_stamp: Stamp(i64::MIN),
             motion_inputs: MotionInputs::default(),
             tilt_bias: TiltBias::new(&config.attitude),
+            tilt_spread: TiltSpread::new(&config),
+            global_check: None,
             tilt_prior: TiltPrior::FromState,
             tilt_variances: None,
             particles_stamp: Stamp(i64::MIN),
@@ -183,11 +202,14 @@ impl Localizer {
             coloured_goals: ColouredGoals::new(field),
             pending_goals: None,
             mean_inlier_share: 0.0,
+            fit_monitor: FitMonitor::new(field),
             out_of_order_count: 0,
             snapshot: None,
             buffered: Vec::new(),
             config,
-        }
+        };
+        localizer.set_map_basis(None);
+        localizer
     }
 
     /// The scan map, if the configuration needs one.
@@ -243,6 +265,7 @@ impl Localizer {
                 return self.estimate(stamp, reason, MatchFigures::default(), Vec::new());
             }
         }
+        self.tilt_variances = None;
         let covered = self.odometry_covers(exposed);
         if covered {
             self.predict_to(exposed);
@@ -254,10 +277,19 @@ impl Localizer {
         let elapsed = self.filter_stamp.seconds_until(exposed);
         self.filter_stamp = exposed;
         self.particles_stamp = self.particles_stamp.max(exposed);
+        self.correct_map(&mut points);
         let imu_tilt = self.compensate_tilt(exposed, &mut points);
         let mut estimate = match std::mem::take(&mut self.state) {
-            State::Lost => self.localize_globally(exposed, &points, Candidates::default()),
-            State::Ambiguous(candidates) => self.localize_globally(exposed, &points, candidates),
+            State::Lost => {
+                let estimate = self.localize_globally(exposed, &points, Candidates::default());
+                self.restart_map(exposed, &points, &estimate);
+                estimate
+            }
+            State::Ambiguous(candidates) => {
+                let estimate = self.localize_globally(exposed, &points, candidates);
+                self.restart_map(exposed, &points, &estimate);
+                estimate
+            }
             State::Tracking(track) => self.track(exposed, &points, track, None),
             State::Suspect(track, suspicion) => {
                 self.track(exposed, &points, track, Some(suspicion))
@@ -269,15 +301,33 @@ impl Localizer {
                 *value += mean;
             }
         }
+        self.measure_fit(&mut estimate, &points);
         self.take_snapshot();
         for measurement in later {
             self.receive(measurement);
         }
-        Estimate {
+        let mut estimate = Estimate {
             stamp,
             line_points: points.len(),
             ..self.predict_estimate_to(stamp, estimate)
+        };
+        self.add_map_uncertainty(&mut estimate);
+        if self
+            .fit_monitor
+            .is_doubtful(self.config.mode.inlier_share_min)
+        {
+            estimate.doubt_setup(&self.uniform_covariance);
         }
+        estimate
+    }
+
+    /// Adds the image to the figures of the fit.
+    fn measure_fit(&mut self, estimate: &mut Estimate, points: &[LinePoint]) {
+        let heading = self
+            .heading_prior(estimate.stamp)
+            .map(|prior| prior.heading);
+        self.fit_monitor.add_image(estimate, points, heading);
+        estimate.fit = self.fit_monitor.fit();
     }
 
     /// Predicts an estimate from the exposure to the image's stamp.

@@ -3,7 +3,7 @@
 use crate::filter::{ImuInterval, PredictionInput, WheelIncrement};
 use crate::math;
 use crate::omni::Twist;
-use crate::sample::{Imu, Odometry, VelocityCommand};
+use crate::sample::{Compass, Imu, Odometry, VelocityCommand};
 use crate::sensors::attitude::{Attitude, AttitudeConfig};
 use crate::sensors::collision::CollisionConfig;
 use crate::stamp::Stamp;
@@ -17,6 +17,8 @@ pub(super) enum MotionMeasurement {
     WheelsRestarted(Odometry),
     Imu(Imu),
     Command(VelocityCommand),
+    /// It moves nothing, but the attitude and the evidence for the field half depend on the order of the samples.
+    Compass(Compass),
 }
 
 impl MotionMeasurement {
@@ -27,6 +29,7 @@ impl MotionMeasurement {
             }
             MotionMeasurement::Imu(imu) => imu.stamp,
             MotionMeasurement::Command(command) => command.stamp,
+            MotionMeasurement::Compass(compass) => compass.stamp,
         }
     }
 }

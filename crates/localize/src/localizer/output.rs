@@ -6,7 +6,7 @@ use super::Localizer;
 use super::candidates::Candidates;
 use super::match_figures::MatchFigures;
 use super::state::Track;
-use crate::estimate::{Estimate, Mode, Reason};
+use crate::estimate::{Estimate, Fit, Mode, Reason};
 use crate::filter::PoseFilter;
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::math;
@@ -25,7 +25,7 @@ struct EstimateParts<'a> {
 }
 
 impl EstimateParts<'_> {
-    /// The only place that constructs an estimate. `process_points` fills in `line_points`.
+    /// The only place that constructs an estimate. `process_points` fills in `line_points` and `fit`.
     fn into_estimate(self, stamp: Stamp) -> Estimate {
         let filter = self.filter;
         Estimate {
@@ -44,6 +44,9 @@ impl EstimateParts<'_> {
             collision: filter.is_some_and(PoseFilter::in_collision),
             gyro_bias: filter.map_or(0.0, PoseFilter::gyro_bias),
             latency: filter.map_or(0.0, PoseFilter::latency),
+            fit: Fit::default(),
+            // `process_points` fills it in.
+            map_correction: None,
             runners_up: self.runners_up,
         }
     }
@@ -52,7 +55,7 @@ impl EstimateParts<'_> {
 impl Localizer {
     fn half_known(&self, track: &Track) -> bool {
         !self.search.is_half_turn_symmetric()
-            || track.half_evidence.log_odds() >= self.config.compass.half_known_log_odds
+            || track.half_evidence.cautious_log_odds() >= self.config.compass.half_known_log_odds
     }
 
     /// Estimate of the tracked pose, or of a lost one.
@@ -148,6 +151,6 @@ fn half_turn_hypothesis(track: &Track, figures: MatchFigures) -> Hypothesis {
         residual: figures.residual,
         tilt: figures.tilt,
         // Without compass readings the log odds are 0, so both halves are equally probable.
-        probability: 1.0 / (1.0 + math::exp(track.half_evidence.log_odds())),
+        probability: 1.0 / (1.0 + math::exp(track.half_evidence.cautious_log_odds())),
     }
 }

@@ -3,6 +3,8 @@
 use super::candidates::Candidates;
 use super::field_half::HalfEvidence;
 use crate::filter::PoseFilter;
+use crate::global_search::branch_and_bound::GradualSearch;
+use crate::matching::Match;
 use crate::stamp::Stamp;
 
 /// What is known about the pose.
@@ -55,6 +57,17 @@ pub(super) struct Alternative {
     pub(super) filter: PoseFilter,
     /// Consecutive images that preferred it.
     pub(super) images: u32,
+}
+
+/// A check of the tracked pose against the whole field, in progress (`global_check`).
+#[derive(Debug, Clone)]
+pub(super) struct GlobalCheck {
+    pub(super) search: GradualSearch,
+    /// Match of the tracked pose to the same points.
+    pub(super) matched: Match,
+    pub(super) count: usize,
+    /// No compass reading: the half turn is no alternative.
+    pub(super) fold_half_turn: bool,
 }
 
 impl State {

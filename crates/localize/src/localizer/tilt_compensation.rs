@@ -7,6 +7,7 @@ use super::tilt_bias::ImuTilt;
 use crate::estimate::Estimate;
 use crate::filter::{PoseFilter, TiltPrior};
 use crate::frames::At;
+use crate::matching::Match;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 use crate::tilt::ground_from_map;
@@ -21,7 +22,9 @@ impl Localizer {
         points: &mut [LinePoint],
     ) -> Option<ImuTilt> {
         let (config, matching) = (&self.config.attitude, &self.config.matching);
-        let prior_std = matching.tilt_std_deg.to_radians();
+        let prior_std = self
+            .tilt_spread
+            .tilt_std(matching.tilt_std_deg.to_radians());
         let measured = self.motion_inputs.tilt_at(exposed, config);
         let measured = measured.filter(|_| config.tilt_compensation && prior_std > 0.0);
         let Some(measured) = measured else {
@@ -40,6 +43,16 @@ impl Localizer {
             TiltPrior::Independent(self.matcher.tilt_std())
         };
         Some(ImuTilt { measured, expected })
+    }
+
+    /// Learns the spread of tilt and points from the last match, of a tracked image that most points support.
+    pub(super) fn learn_spread(&mut self, stamp: Stamp, matched: &Match) {
+        let seconds = self.tilt_spread.advance_to(stamp);
+        if let TiltPrior::Independent(std) = self.tilt_prior {
+            self.tilt_spread.update_tilt(matched, std, seconds);
+        }
+        self.matcher
+            .learn_spread(&self.distance_field, matched, seconds);
     }
 
     /// Updates the constant tilt error after an image that was tracked without doubt.

@@ -15,16 +15,42 @@ use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::global_search::heading_histogram::histogram_heading;
 use crate::global_search::scan_map::CellMatch;
-use crate::matching::Match;
+use crate::matching::{Match, PosePrior};
 use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
+/// Range of a typical line point, metres.
+const TYPICAL_RANGE: f32 = 3.0;
+/// Share of `inlier_share_min` below which a match under the prediction is due to chance.
+const CHANCE_SHARE: f32 = 0.5;
+
+/// Number of tilted starts of a match that failed from an upright one, their size in standard deviations, and the size
+/// from which a tilt may move points to other markings, degrees.
+const TILTED_STARTS: usize = 6;
+const TILTED_START_SIGMAS: f32 = 2.0;
+const TILTED_START_MIN_DEG: f32 = 0.3;
+
 /// A match under the prediction.
 struct TrackedMatch {
     matched: Match,
-    /// The match contradicted the prediction, whose covariance was therefore inflated.
-    inconsistent: bool,
+    agreement: Agreement,
+}
+
+/// How a match relates to the prediction.
+#[derive(Clone, Copy, PartialEq)]
+enum Agreement {
+    Consistent,
+    /// It contradicted the prediction, whose covariance was therefore inflated.
+    Inflated,
+    /// It contradicts the prediction, and few points support it.
+    Contradicts,
+}
+
+impl TrackedMatch {
+    fn new(matched: Match, agreement: Agreement) -> Self {
+        TrackedMatch { matched, agreement }
+    }
 }
 
 impl Localizer {
@@ -44,42 +70,58 @@ impl Localizer {
             .half_evidence
             .update_goals(log_odds, &self.config.compass);
         if points.len() < self.config.mode.points_min {
-            return self.dead_reckon(stamp, track, suspicion);
+            return self.dead_reckon(stamp, track, suspicion, Reason::FewPoints);
         }
         let wrong_half = self.search.is_half_turn_symmetric()
             && track.half_evidence.log_odds() <= -self.config.compass.half_known_log_odds;
         if wrong_half {
             track.filter = track.filter.half_turned();
             track.half_evidence.apply_half_turn();
+            self.half_turn_map();
         }
         if self.config.tracker == Tracker::ScanMap {
             return self.track_by_scan_map(stamp, points, track, suspicion);
         }
-        let TrackedMatch {
-            matched,
-            inconsistent,
-        } = self.match_points(&mut track.filter, points);
+        let TrackedMatch { matched, agreement } = self.match_points(&mut track.filter, points);
         if self.config.mode.suspect_rule == SuspectRule::Thresholds {
             track
                 .filter
                 .update(&matched, self.tilt_prior, &self.config.filter);
             return self.check_thresholds(stamp, track, suspicion, &matched);
         }
-        let poor = inconsistent || self.is_poor_match(matched.inlier_share);
-        let check_period = self.config.mode.global_check_period;
-        let due =
-            check_period > 0.0 && track.last_global_check.seconds_until(stamp) >= check_period;
+        let few_inliers = self.is_poor_match(matched.inlier_share);
+        if !few_inliers {
+            self.learn_spread(stamp, &matched);
+        }
+        let poor = agreement != Agreement::Consistent || few_inliers;
+        if self.detect_knock(stamp, points, &matched, poor, &mut track.filter) {
+            self.confirm_pose(track);
+            let reason = Some(Reason::CameraKnocked);
+            return self.estimate(stamp, reason, MatchFigures::from(&matched), Vec::new());
+        }
         let mut alternatives = Vec::new();
-        if poor || due || suspicion.is_some() {
+        let mut contradicted = false;
+        if let Some(checked) = self.check_gradually(stamp, points, &matched, &mut track) {
+            contradicted = checked.is_contradicted;
+            alternatives = checked.alternatives;
+        }
+        if poor || contradicted || suspicion.is_some() {
             track.last_global_check = stamp;
+            self.global_check = None;
             alternatives = self.find_alternatives(stamp, points, &matched);
             if let Some(better) = self.better_alternative(&alternatives, &matched, points.len()) {
                 return self.suspect(stamp, track, suspicion, &better, alternatives);
             }
         }
+        if agreement == Agreement::Contradicts || self.explains_nothing(&matched, points.len()) {
+            return self.dead_reckon(stamp, track, suspicion, Reason::PoorMatch);
+        }
+        let predicted =
+            (agreement == Agreement::Consistent).then(|| track.filter.pose_prior(self.tilt_prior));
         track
             .filter
             .update(&matched, self.tilt_prior, &self.config.filter);
+        self.learn_map(stamp, points, &matched, predicted, &mut track.filter);
         self.tilt_variances = Some([3, 4].map(|k| matched.pose_tilt_covariance[(k, k)]));
         self.mean_inlier_share += 0.05 * (matched.inlier_share - self.mean_inlier_share);
         self.confirm_pose(track);
@@ -153,54 +195,88 @@ impl Localizer {
     /// If the match is inconsistent with the prediction, or clearly better without it, something moved the robot that
     /// no sensor reported. The filter's covariance is then inflated.
     fn match_points(&mut self, filter: &mut PoseFilter, points: &[LinePoint]) -> TrackedMatch {
-        let start_error = filter.position_std() + 3.0 * filter.heading_std();
+        let prior = filter.pose_prior(self.tilt_prior);
+        let start_error =
+            filter.position_std() + TYPICAL_RANGE * filter.heading_std() + self.tilt_displacement();
+        let mut matched =
+            self.matcher
+                .refine_with_prior(&self.distance_field, points, prior, start_error);
+        let normalized_innovation_max = self.config.mode.normalized_innovation_max;
+        let is_consistent = |filter: &PoseFilter, matched: &Match| {
+            filter.normalized_innovation_squared(matched) <= normalized_innovation_max
+        };
+        if !is_consistent(filter, &matched) || self.is_poor_match(matched.inlier_share) {
+            matched = self.match_tilted(points, prior, start_error, matched);
+        }
+        let consistent = is_consistent(filter, &matched);
+        let poor = self.is_poor_match(matched.inlier_share);
+        if consistent && !poor {
+            return TrackedMatch::new(matched, Agreement::Consistent);
+        }
+        let reach = self.config.mode.unreported_motion_max;
+        let free = self
+            .matcher
+            .refine(&self.distance_field, points, filter.pose(), reach);
+        let offset = free.pose.difference(filter.pose());
+        if !self.is_poor_match(free.inlier_share)
+            && (free.score - matched.score) * points.len() as f32 > self.score_margin(points.len())
+            && math::hypot(offset[0], offset[1]) < 2.0 * reach
+        {
+            let information = prior.information.fixed_view::<3, 3>(0, 0);
+            filter.inflate_covariance(offset.dot(&(information * offset)));
+            return TrackedMatch::new(free, Agreement::Inflated);
+        }
+        if consistent {
+            return TrackedMatch::new(matched, Agreement::Consistent);
+        }
+        if poor {
+            return TrackedMatch::new(matched, Agreement::Contradicts);
+        }
+        // What the wheels' noise has to explain, before the inflation explains it.
+        filter.learn_noise(&matched, self.tilt_prior);
+        filter.inflate_covariance(filter.normalized_innovation_squared(&matched));
         let prior = filter.pose_prior(self.tilt_prior);
         let matched =
             self.matcher
                 .refine_with_prior(&self.distance_field, points, prior, start_error);
-        let mode = &self.config.mode;
-        let innovation_squared = filter.normalized_innovation_squared(&matched);
-        let consistent = innovation_squared <= mode.normalized_innovation_max;
-        if consistent && !self.is_poor_match(matched.inlier_share) {
-            return TrackedMatch {
-                matched,
-                inconsistent: false,
-            };
+        TrackedMatch::new(matched, Agreement::Inflated)
+    }
+
+    /// The best of a match and of those from tilted starts. A large tilt moves far points to other markings.
+    fn match_tilted(
+        &mut self,
+        points: &[LinePoint],
+        prior: PosePrior,
+        start_error: f32,
+        upright: Match,
+    ) -> Match {
+        let size = TILTED_START_SIGMAS * self.matcher.tilt_std();
+        if size < TILTED_START_MIN_DEG.to_radians() {
+            return upright;
         }
-        let free = self.matcher.refine(
-            &self.distance_field,
-            points,
-            filter.pose(),
-            mode.unreported_motion_max,
-        );
-        let offset = free.pose.difference(filter.pose());
-        if (free.score - matched.score) * points.len() as f32 > self.score_margin(points.len())
-            && math::hypot(offset[0], offset[1]) < 2.0 * mode.unreported_motion_max
-        {
-            let information = prior.information.fixed_view::<3, 3>(0, 0);
-            filter.inflate_covariance(offset.dot(&(information * offset)));
-            return TrackedMatch {
-                matched: free,
-                inconsistent: true,
-            };
-        }
-        if consistent {
-            return TrackedMatch {
-                matched,
-                inconsistent: false,
-            };
-        }
-        filter.inflate_covariance(innovation_squared);
-        let prior = filter.pose_prior(self.tilt_prior);
-        TrackedMatch {
-            matched: self.matcher.refine_with_prior(
+        let objective = |matched: &Match| matched.cost + 0.5 * matched.mahalanobis_squared;
+        let mut best = upright;
+        for k in 0..TILTED_STARTS {
+            let angle = std::f32::consts::TAU * k as f32 / TILTED_STARTS as f32;
+            let tilt = [size * math::cos(angle), size * math::sin(angle)];
+            let matched = self.matcher.refine_from_tilt(
                 &self.distance_field,
                 points,
                 prior,
+                tilt,
                 start_error,
-            ),
-            inconsistent: true,
+            );
+            if objective(&matched) < objective(&best) {
+                best = matched;
+            }
         }
+        best
+    }
+
+    /// Displacement of a typical point by the standard deviation of the tilt, metres (docs/methods.md 3.1).
+    fn tilt_displacement(&self) -> f32 {
+        let height = self.config.matching.viewpoint_height;
+        self.matcher.tilt_std() * (height + TYPICAL_RANGE * TYPICAL_RANGE / height)
     }
 
     /// Is the inlier share too low, absolutely or against its mean?
@@ -210,18 +286,26 @@ impl Localizer {
             || inlier_share < mode.inlier_share_drop_max * self.mean_inlier_share
     }
 
+    /// Are so few points on markings that the match is due to chance?
+    fn explains_nothing(&self, matched: &Match, count: usize) -> bool {
+        let mode = &self.config.mode;
+        matched.inlier_share < CHANCE_SHARE * mode.inlier_share_min
+            || matched.inlier_share * (count as f32) < mode.points_min as f32
+    }
+
     /// Number of points that a better pose must explain beyond those of the tracked one.
-    fn score_margin(&self, count: usize) -> f32 {
+    pub(super) fn score_margin(&self, count: usize) -> f32 {
         let mode = &self.config.mode;
         (mode.alternative_margin_share * count as f32).max(mode.alternative_margin_points)
     }
 
-    /// Too few points: odometry alone, until the pose is too uncertain.
+    /// No use of the points: odometry alone, until the pose is too uncertain.
     fn dead_reckon(
         &mut self,
         stamp: Stamp,
         mut track: Track,
         suspicion: Option<Suspicion>,
+        reason: Reason,
     ) -> Estimate {
         let mode = &self.config.mode;
         if track.filter.position_std() > mode.lost_position_std
@@ -230,10 +314,9 @@ impl Localizer {
             self.lose_pose();
             return self.lost_estimate(stamp, Reason::DeadReckoningTimeout, Vec::new());
         }
-        track.filter.update_without_vision(&self.config.filter);
+        track.filter.update_without_vision();
         self.keep_pose(track, suspicion);
-        let reason = Some(Reason::FewPoints);
-        self.estimate(stamp, reason, MatchFigures::default(), Vec::new())
+        self.estimate(stamp, Some(reason), MatchFigures::default(), Vec::new())
     }
 
     /// The best poses of the whole field that differ from the tracked one.
@@ -250,20 +333,31 @@ impl Localizer {
             points,
             heading_prior,
         );
-        // Without a compass the half turn explains the points equally well. It is no reason for suspicion.
         let fold_half_turn = heading_prior.is_none() && self.search.is_half_turn_symmetric();
-        found.retain(|hypothesis| {
-            let rotation = wrap_angle(hypothesis.pose.theta - matched.pose.theta).abs();
-            !(self
-                .search
-                .is_same_hypothesis(hypothesis.pose, matched.pose)
-                || fold_half_turn && rotation > std::f32::consts::FRAC_PI_2)
-        });
+        self.retain_alternatives(&mut found, matched.pose, fold_half_turn);
         found
     }
 
+    /// Keeps the poses that differ from the tracked one.
+    ///
+    /// Without a compass the half turn explains the points equally well. It is no reason for suspicion.
+    pub(super) fn retain_alternatives(
+        &self,
+        found: &mut Vec<Hypothesis>,
+        tracked: Pose,
+        fold_half_turn: bool,
+    ) {
+        let folds = |pose: Pose| {
+            fold_half_turn
+                && wrap_angle(pose.theta - tracked.theta).abs() > std::f32::consts::FRAC_PI_2
+        };
+        found.retain(|hypothesis| {
+            !self.search.is_same_hypothesis(hypothesis.pose, tracked) && !folds(hypothesis.pose)
+        });
+    }
+
     /// The alternative that explains clearly more points than the tracked pose.
-    fn better_alternative(
+    pub(super) fn better_alternative(
         &self,
         alternatives: &[Hypothesis],
         matched: &Match,

@@ -20,6 +20,7 @@ impl Localizer {
     /// Any state → Lost: the pose is given up and the global search starts anew.
     pub(super) fn lose_pose(&mut self) {
         self.state = State::Lost;
+        self.global_check = None;
         self.global_search.reset();
         self.snapshot = None;
         self.buffered.clear();
@@ -41,6 +42,7 @@ impl Localizer {
         filter: PoseFilter,
         half_evidence: HalfEvidence,
     ) {
+        self.global_check = None;
         self.global_search.reset();
         self.state = State::Tracking(Track {
             filter,

@@ -6,6 +6,8 @@
 //! estimated together with (x, y, θ) under a prior, since the robot's tilt varies from place to place.
 
 pub mod distance_field;
+mod point_spread;
+
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,6 +17,8 @@ use crate::matching::distance_field::DistanceField;
 use crate::math;
 use crate::sample::LinePoint;
 use crate::tilt;
+
+use point_spread::{PointSpread, Residual};
 
 /// Method of minimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -42,9 +46,12 @@ pub struct MatchConfig {
     pub steps_max: usize,
     /// Step size below which the minimisation ends, metres and radians.
     pub convergence_step: f32,
-    /// Standard deviation of the robot's tilt per axis, degrees. 0 assumes an upright robot; real robots show 0.45 from
-    /// image to image.
+    /// Standard deviation of the robot's tilt per axis, degrees, before images tell. 0 assumes an upright robot; real
+    /// robots show 0.45 from image to image.
     pub tilt_std_deg: f32,
+    /// Initial standard deviation of the logarithm of the learned variances of points and tilt (docs/methods.md 5.8): 1.2
+    /// stands for a factor of 2 in their spread. 0 keeps the stated spread of points and `tilt_std_deg`.
+    pub spread_learning_std: f32,
     /// Height of the viewpoint (the mirror) above the ground, metres. A tilt displaces points by their squared distance
     /// over this height.
     pub viewpoint_height: f32,
@@ -59,6 +66,7 @@ impl Default for MatchConfig {
             steps_max: 20,
             convergence_step: 2e-4,
             tilt_std_deg: 0.45,
+            spread_learning_std: 1.2,
             viewpoint_height: crate::robot::DEFAULT_VIEWPOINT_HEIGHT,
         }
     }
@@ -86,6 +94,12 @@ pub struct Match {
     pub tilt: [f32; 2],
     /// Of (x, y, θ, a, b).
     pub pose_tilt_covariance: Matrix5,
+    /// Number of parameters that the points determined, at most 5. The prior determined the others.
+    pub determined_parameters: f32,
+    /// Variance of the residuals over that of the points, from this image alone (docs/methods.md 5.6).
+    pub observed_scale: f32,
+    /// Variance of the residuals over the one that the points state (docs/methods.md 5.6).
+    pub variance_scale: f32,
     /// Root mean square distance of the inliers from the markings, metres.
     pub residual: f32,
     /// Mean distance of all points from the markings, metres (nubot2013 4: "average deviation").
@@ -117,6 +131,7 @@ pub struct Matcher {
     config: MatchConfig,
     points: Vec<PreparedPoint>,
     prior: PosePrior,
+    spread: PointSpread,
 }
 
 /// Number of parameters: pose and tilt.
@@ -124,15 +139,13 @@ pub(crate) const PARAMETERS: usize = 5;
 /// A matrix over pose and tilt, (x, y, θ, a, b).
 pub type Matrix5 = SMatrix<f32, 5, 5>;
 type NormalMatrix = Matrix5;
-type Vector5 = SVector<f32, PARAMETERS>;
+/// A vector over pose and tilt, (x, y, θ, a, b).
+pub(crate) type Vector5 = SVector<f32, PARAMETERS>;
 
 /// Information of an unknown pose (m⁻², m⁻², rad⁻²): no field is larger than 30 m, no heading error larger than π.
 /// Keeps unobservable directions invertible.
-const UNINFORMATIVE_PRIOR: Matrix3<f32> =
+pub(crate) const UNINFORMATIVE_PRIOR: Matrix3<f32> =
     Matrix3::new(1e-3, 0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.1);
-
-/// Weight of the points' stated standard deviations against the image's residual, in points.
-const PRIOR_POINTS: f32 = 10.0;
 
 /// Sums over the points at one pose.
 struct NormalEquations {
@@ -152,6 +165,7 @@ impl Matcher {
     /// A matcher with empty buffers.
     pub fn new(config: MatchConfig) -> Self {
         Matcher {
+            spread: PointSpread::new(config.spread_learning_std),
             config,
             points: Vec::new(),
             prior: PosePrior {
@@ -206,9 +220,21 @@ impl Matcher {
         prior: PosePrior,
         start_error: f32,
     ) -> Match {
+        self.refine_from_tilt(distances, points, prior, [0.0; 2], start_error)
+    }
+
+    /// The same from another tilt than the expected one, radians.
+    pub fn refine_from_tilt(
+        &mut self,
+        distances: &DistanceField,
+        points: &[LinePoint],
+        prior: PosePrior,
+        [a, b]: [f32; 2],
+        start_error: f32,
+    ) -> Match {
         self.prepare(points, prior);
         let Pose { x, y, theta, .. } = prior.pose;
-        let mut state = Vector5::from([x, y, theta, 0.0, 0.0]);
+        let mut state = Vector5::from([x, y, theta, a, b]);
         let kernel_factor = self.kernel_start_factor(start_error);
         let steps = match self.config.minimiser {
             Minimiser::GaussNewton => self.gauss_newton(distances, &mut state, kernel_factor),
@@ -291,18 +317,46 @@ impl Matcher {
     fn prepare(&mut self, points: &[LinePoint], prior: PosePrior) {
         self.prior = prior;
         let map_variance = self.config.map_std * self.config.map_std;
+        let spread = &self.spread;
         self.points.clear();
         self.points.extend(points.iter().map(|point| {
             let tangential = point.std_tangential * point.std_tangential;
             let radial = point.std_radial * point.std_radial;
             let (x, y) = (point.at.x, point.at.y);
+            let squared_range = x * x + y * y;
+            let factor = spread.factor(squared_range.sqrt());
             PreparedPoint {
                 x,
                 y,
-                tangential_variance: tangential + map_variance,
-                radial_excess_variance: (radial - tangential) / (x * x + y * y).max(1e-6),
+                tangential_variance: factor * (tangential + map_variance),
+                radial_excess_variance: factor * (radial - tangential) / squared_range.max(1e-6),
             }
         }));
+    }
+
+    /// Learns the spread of the points from the residuals of the last match, `matched`, an image `seconds` after the
+    /// previous one (docs/methods.md 5.8).
+    pub fn learn_spread(&mut self, distances: &DistanceField, matched: &Match, seconds: f32) {
+        let (sin, cos) = math::sin_cos(matched.pose.theta);
+        let height = self.config.viewpoint_height;
+        let residuals = self.points.iter().map(|point| {
+            let [x, y] = tilt::ground_from_map([point.x, point.y], matched.tilt, height);
+            let (rx, ry) = (cos * x - sin * y, sin * x + cos * y);
+            let near = distances.nearest(matched.pose.x + rx, matched.pose.y + ry);
+            let radial = near.normal[0] * rx + near.normal[1] * ry;
+            Residual {
+                distance: near.signed_distance,
+                variance: point.tangential_variance
+                    + point.radial_excess_variance * radial * radial,
+                range: math::hypot(x, y),
+            }
+        });
+        self.spread.update(
+            residuals,
+            matched.determined_parameters,
+            matched.observed_scale,
+            seconds,
+        );
     }
 
     /// Initial factor of the kernel scale, such that it covers `start_error` metres.
@@ -436,8 +490,10 @@ impl Matcher {
         let freedom = (weight / (weight - 3.0).max(1.0)).max(1.0);
         let slope = (sums.psi_slope / weight).clamp(0.2, 1.0);
         let observed_scale = sums.psi_squared / weight / (slope * slope) * freedom;
-        let scale =
-            ((observed_scale * weight + PRIOR_POINTS) / (weight + PRIOR_POINTS)).clamp(0.1, 25.0);
+        let [expected_scale, stated_weight] = self.spread.expected_scale();
+        let scale = ((observed_scale * weight + expected_scale * stated_weight)
+            / (weight + stated_weight))
+            .clamp(0.1, 25.0);
         let normal = sums.normal / scale + self.prior.information;
         let pose_tilt = normal.try_inverse().unwrap_or_else(|| {
             let information = self.uninformative_prior().diagonal();
@@ -452,6 +508,9 @@ impl Matcher {
             mahalanobis_squared: deviation.dot(&(self.prior.information * deviation)),
             tilt: [state[3], state[4]],
             pose_tilt_covariance: pose_tilt,
+            determined_parameters: PARAMETERS as f32 - (pose_tilt * self.prior.information).trace(),
+            observed_scale,
+            variance_scale: scale,
             residual: (sums.weighted_squares / weight).sqrt(),
             mean_distance: sums.distance_sum / count,
             inlier_share: sums.inliers / count,

@@ -27,6 +27,81 @@ pub struct CameraConfig {
     pub outer_radius_px: Option<f32>,
 }
 
+/// `[camera]` of robot.toml as written: a camera that is not calibrated yet has a size only.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraSection {
+    /// Image width, pixels.
+    pub width_px: usize,
+    /// Image height, pixels.
+    pub height_px: usize,
+    /// As [`CameraConfig::focal_px`].
+    pub focal_px: Option<f32>,
+    /// As [`CameraConfig::centre_px`]. Absent until the rim is measured; a calibrated map has its own axis.
+    #[serde(default, deserialize_with = "optional_pair")]
+    pub centre_px: Option<[f32; 2]>,
+    /// As [`CameraConfig::height`].
+    pub height: Option<f32>,
+    /// As [`CameraConfig::forward_deg`]. By default forward is image up.
+    #[serde(default = "forward_up_deg")]
+    pub forward_deg: f32,
+    /// As [`CameraConfig::flipped`]. By default the camera looks up into one mirror.
+    #[serde(default = "one_mirror")]
+    pub flipped: bool,
+    /// As [`CameraConfig::outer_radius_px`].
+    pub outer_radius_px: Option<f32>,
+}
+
+fn optional_pair<'de, D: serde::Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<[f32; 2]>, D::Error> {
+    crate::fixed_array::deserialize(deserializer).map(Some)
+}
+
+fn forward_up_deg() -> f32 {
+    90.0
+}
+
+fn one_mirror() -> bool {
+    true
+}
+
+impl CameraSection {
+    /// The camera, if the mirror's axis is known.
+    pub fn camera(&self) -> Option<CameraConfig> {
+        Some(self.with_axis(self.centre_px?, self.outer_radius_px))
+    }
+
+    /// The camera with this axis and rim.
+    pub fn with_axis(&self, centre_px: [f32; 2], outer_radius_px: Option<f32>) -> CameraConfig {
+        CameraConfig {
+            width_px: self.width_px,
+            height_px: self.height_px,
+            focal_px: self.focal_px,
+            centre_px,
+            height: self.height,
+            forward_deg: self.forward_deg,
+            flipped: self.flipped,
+            outer_radius_px,
+        }
+    }
+}
+
+impl From<CameraConfig> for CameraSection {
+    fn from(camera: CameraConfig) -> Self {
+        CameraSection {
+            width_px: camera.width_px,
+            height_px: camera.height_px,
+            focal_px: camera.focal_px,
+            centre_px: Some(camera.centre_px),
+            height: camera.height,
+            forward_deg: camera.forward_deg,
+            flipped: camera.flipped,
+            outer_radius_px: camera.outer_radius_px,
+        }
+    }
+}
+
 impl CameraConfig {
     /// The image direction (pixels right, pixels down) of a step along the robot's (x, y).
     ///

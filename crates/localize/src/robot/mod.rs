@@ -10,7 +10,7 @@ use crate::toml_location::key_location;
 mod camera;
 mod exposure;
 
-pub use camera::CameraConfig;
+pub use camera::{CameraConfig, CameraSection};
 pub use exposure::{CameraControl, CameraSetting};
 
 /// Height of the viewpoint if no mirror profile is known, metres: the mirror's surface at half its radius.
@@ -31,7 +31,7 @@ pub struct RobotConfig {
     /// The field file.
     pub field: PathBuf,
     /// Camera and its mount. Not required for a recording of line points.
-    pub camera: Option<CameraConfig>,
+    pub camera: Option<CameraSection>,
     /// Range of the camera's exposure and gain.
     pub exposure: Option<CameraControl>,
     /// The mirror's profile.
@@ -283,7 +283,7 @@ impl RobotConfig {
                     format!("the image has {size}: both sides between 2 and 8192"),
                 ));
             }
-            check_finite("camera.centre_px", &camera.centre_px)?;
+            check_finite("camera.centre_px", &camera.centre_px.unwrap_or([0.0; 2]))?;
             check_finite("camera.forward_deg", &[camera.forward_deg])?;
             for (key, value) in [
                 ("camera.focal_px", camera.focal_px),

@@ -1,5 +1,7 @@
 //! Synthetic drives and experiments: generated test data, and scores of the estimators on it.
 
+pub mod consistency;
 pub mod drive;
 pub mod evaluation;
+pub mod rough_drive;
 pub mod team_ball;

@@ -351,6 +351,8 @@ fn estimate(stamp: Stamp, pose: Pose) -> Estimate {
         collision: false,
         gyro_bias: 0.0,
         latency: 0.0,
+        fit: Default::default(),
+        map_correction: None,
         runners_up: Vec::new(),
     }
 }

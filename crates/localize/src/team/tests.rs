@@ -53,6 +53,8 @@ fn estimate(half_known: bool) -> Estimate {
         collision: false,
         gyro_bias: 0.0,
         latency: 0.0,
+        fit: Default::default(),
+        map_correction: None,
         runners_up: Vec::new(),
     }
 }

@@ -30,6 +30,8 @@ fn estimate(stamp: Stamp, pose: Option<Pose>) -> Estimate {
         collision: false,
         gyro_bias: 0.0,
         latency: 0.0,
+        fit: Default::default(),
+        map_correction: None,
         runners_up: Vec::new(),
     }
 }

@@ -385,18 +385,6 @@ pub const RENAMED_KEYS: &[(&str, &str)] = &[
         "localize.filter.odometry_scale_drift",
     ),
     (
-        "localize.filter.noise_learning",
-        "localize.filter.noise_adaptation_rate",
-    ),
-    (
-        "localize.filter.sight_std",
-        "localize.filter.systematic_position_std",
-    ),
-    (
-        "localize.filter.sight_std_deg",
-        "localize.filter.systematic_heading_std_deg",
-    ),
-    (
         "localize.filter.twist_noise",
         "localize.filter.velocity_process_noise",
     ),
@@ -614,6 +602,23 @@ pub const RENAMED_KEYS: &[(&str, &str)] = &[
 pub const RENAMED_VALUES: &[(&str, &str, &str)] =
     &[("localize.matching.minimiser", "newton", "gauss_newton")];
 
+/// Settings that no longer exist, and what replaced them.
+pub const REMOVED_KEYS: &[(&str, &str)] = &[
+    ("localize.filter.noise_learning", NOISE_LEARNING),
+    ("localize.filter.noise_adaptation_rate", NOISE_LEARNING),
+    ("localize.filter.sight_std", REPEATED_ERRORS),
+    ("localize.filter.sight_std_deg", REPEATED_ERRORS),
+    ("localize.filter.systematic_position_std", REPEATED_ERRORS),
+    (
+        "localize.filter.systematic_heading_std_deg",
+        REPEATED_ERRORS,
+    ),
+];
+
+const NOISE_LEARNING: &str =
+    "the noise is learned with its uncertainty, see localize.filter.noise_learning_std";
+const REPEATED_ERRORS: &str = "the uncertainty of the map determines errors that images repeat";
+
 /// Refuses an overlay with old names; names each, with `file` and its line if there is one.
 pub(super) fn refuse_renamed(overlay: &Table, file: Option<(&Path, &str)>) -> Result<()> {
     let keys = RENAMED_KEYS.iter().filter_map(|(old, new)| {
@@ -628,8 +633,12 @@ pub(super) fn refuse_renamed(overlay: &Table, file: Option<(&Path, &str)>) -> Re
             )
         })
     });
+    let removed = REMOVED_KEYS.iter().filter_map(|(old, reason)| {
+        find(overlay, old).map(|_| (*old, format!("unknown setting {old} (removed: {reason})")))
+    });
     let refused: Vec<String> = keys
         .chain(values)
+        .chain(removed)
         .map(|(key, message)| match file {
             Some((path, text)) => format!("{}: {message}", key_location(path, text, key)),
             None => message,
@@ -650,6 +659,9 @@ pub(crate) fn translate(text: &str) -> String {
         if let Some(value) = take(&mut settings, old) {
             put(&mut settings, new, value);
         }
+    }
+    for (old, _) in REMOVED_KEYS {
+        take(&mut settings, old);
     }
     for (key, old, new) in RENAMED_VALUES {
         if find(&settings, key).and_then(Value::as_str) == Some(old) {

@@ -42,6 +42,18 @@ pub enum RejectReason {
     /// Sent by this robot.
     #[error("our own")]
     Own,
+    /// Expired before it was read, or based on a state that is too old.
+    #[error("too late: expired before it was read, or based on an old state")]
+    Late,
+    /// Under a key, but without the robot's number or the number of its start.
+    #[error("without `boot` and `robot`: with a key, echo both from the robot's state output")]
+    Unbound,
+    /// Meant for an earlier start of the robot.
+    #[error("for another start of this robot: echo `boot` from its present state output")]
+    Boot,
+    /// Meant for another robot.
+    #[error("for another robot")]
+    Robot,
 }
 
 impl MacKey {
@@ -87,16 +99,31 @@ pub fn verify_mac<'a>(datagram: &'a [u8], key: Option<&MacKey>) -> Result<&'a [u
         .map_err(|_wrong| RejectReason::Unsealed)
 }
 
+/// Number of ended sessions that are remembered. After more, only higher sessions are accepted.
+const MAX_ENDED_SESSIONS: usize = 64;
+
 /// Accepts each message of a sender once, and none older than the latest.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct ReplayGuard {
-    last: Option<(u64, u64, f64)>,
+    last: Option<LastMessage>,
+    /// Sessions that another one has replaced: they never come back.
+    ended: Vec<u64>,
+}
+
+/// The latest accepted message.
+#[derive(Debug, Clone, Copy)]
+struct LastMessage {
+    session: u64,
+    sequence: u64,
+    /// Time of arrival, seconds.
+    received: f64,
 }
 
 impl ReplayGuard {
     /// Checks the message `sequence` of a sender's `session` (larger for each start of the sender) at `now`, seconds.
     ///
-    /// After `silence` seconds without a message, any session is accepted: the sender's clock may have been set.
+    /// After `silence` seconds without a message, a lower session is accepted too, because the sender's clock may have
+    /// been set, but never one that was accepted before.
     pub fn accept(
         &mut self,
         session: u64,
@@ -104,13 +131,63 @@ impl ReplayGuard {
         now: f64,
         silence: f64,
     ) -> Result<(), RejectReason> {
-        if let Some((last_session, last_sequence, last_received)) = self.last
-            && (session, sequence) <= (last_session, last_sequence)
-            && (session == last_session || now - last_received < silence)
-        {
-            return Err(RejectReason::Old);
+        if let Some(last) = self.last {
+            let is_fresh = if session == last.session {
+                sequence > last.sequence
+            } else if session > last.session {
+                true
+            } else {
+                now - last.received >= silence
+                    && self.ended.len() < MAX_ENDED_SESSIONS
+                    && !self.ended.contains(&session)
+            };
+            if !is_fresh {
+                return Err(RejectReason::Old);
+            }
+            if session != last.session && self.ended.len() < MAX_ENDED_SESSIONS {
+                self.ended.push(last.session);
+            }
         }
-        self.last = Some((session, sequence, now));
+        self.last = Some(LastMessage {
+            session,
+            sequence,
+            received: now,
+        });
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn captured_sessions_cannot_be_replayed_in_turn_during_silence() {
+        let mut guard = ReplayGuard::default();
+        let mut accept = |session, sequence, now| guard.accept(session, sequence, now, 1.0).is_ok();
+        assert!(accept(10, 1, 0.0) && accept(10, 2, 0.1));
+        assert!(accept(20, 1, 0.2) && accept(20, 2, 0.3));
+        for turn in 1..20 {
+            let now = 0.3 + f64::from(turn) * 2.0;
+            assert!(!accept(10, 1, now) && !accept(10, 3, now), "turn {turn}");
+            assert!(!accept(20, 1, now) && !accept(20, 2, now), "turn {turn}");
+        }
+        // The sender's clock was set back: a new lower session after the silence, and then the sender goes on.
+        assert!(!accept(5, 1, 1.0));
+        assert!(accept(5, 1, 50.0) && accept(5, 2, 50.1) && !accept(5, 2, 50.2));
+        assert!(!accept(20, 9, 99.0));
+        assert!(accept(21, 1, 99.0));
+    }
+
+    #[test]
+    fn endless_lower_sessions_are_bounded() {
+        let mut guard = ReplayGuard::default();
+        let accepted = (0..1000_u64).rev();
+        let accepted = accepted.filter(|session| {
+            let now = (1000 - session) as f64 * 2.0;
+            guard.accept(*session, 1, now, 1.0).is_ok()
+        });
+        assert_eq!(accepted.count(), MAX_ENDED_SESSIONS + 1);
+        assert!(guard.accept(1001, 1, 0.0, 1.0).is_ok());
     }
 }

@@ -41,6 +41,14 @@ pub struct State {
     /// The team's fused ball.
     #[prost(message, optional)]
     pub team_ball: Option<ObjectState>,
+    /// Random number of this start of the robot, below 2⁵³. Commands under a key echo it. 0 if there are no commands.
+    #[prost(uint64)]
+    #[serde(default)]
+    pub boot: u64,
+    /// Why the newest command datagram was rejected. Empty if it was accepted or none has come.
+    #[prost(string)]
+    #[serde(default)]
+    pub command_fault: String,
 }
 
 /// A pose on the field, metres and radians.
@@ -162,6 +170,19 @@ pub struct Command {
     #[prost(bool)]
     #[serde(default)]
     pub needs_pose: bool,
+    /// `boot` of the robot's newest state. With a key it is required.
+    #[prost(uint64)]
+    #[serde(default)]
+    pub boot: u64,
+    /// Number of the robot to which the command is sent, as in its state. With a key it is required.
+    #[prost(uint32)]
+    #[serde(default)]
+    pub robot: u32,
+    /// `stamp_ns` of the state on which the command is based. 0 if none; else the robot rejects a command that took too
+    /// long.
+    #[prost(sint64)]
+    #[serde(default)]
+    pub state_ns: i64,
 }
 
 /// A velocity in the robot frame.
@@ -278,6 +299,8 @@ impl State {
                 velocity_y: ball.velocity[1],
                 covariance: ball.covariance.to_vec(),
             }),
+            boot: 0,
+            command_fault: String::new(),
         }
     }
 }

@@ -8,7 +8,7 @@ mod peer_clock;
 mod team_link;
 
 pub use peer_clock::PeerClock;
-pub use team_link::{TeamLink, TeamLinkCounts};
+pub use team_link::{TeamClock, TeamLink, TeamLinkCounts};
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
@@ -26,7 +26,10 @@ pub struct TeamLinkConfig {
     pub team: u32,
     /// Number of this robot.
     pub robot: u32,
-    /// A phrase that the team shares; messages then end with an authentication code.
+    /// Numbers of the team's robots. Other numbers are received while there is place, 16 senders in all.
+    pub members: Vec<u32>,
+    /// A phrase that the team shares; messages then end with an authentication code. Other interfaces than the loopback
+    /// require it.
     pub key: Option<String>,
     /// Messages per second.
     pub rate: f64,
@@ -42,6 +45,7 @@ impl Default for TeamLinkConfig {
             interface: Ipv4Addr::LOCALHOST,
             team: 1,
             robot: 1,
+            members: vec![1, 2, 3, 4, 5, 6, 7, 8, 9, 10],
             key: None,
             // 15 messages of 300 bytes from each of five robots: 180 kbit/s.
             rate: 15.0,
@@ -66,6 +70,11 @@ impl TeamLinkConfig {
             self.rate > 0.0 && self.rate <= 1000.0,
             "[team] rate = {}: must be above 0, to 1000",
             self.rate
+        );
+        ensure!(
+            self.interface.is_loopback() || self.key.is_some(),
+            "[team] interface = \"{}\" lets other machines send balls and robots without authentication: set a key",
+            self.interface
         );
         Ok(group)
     }

@@ -16,6 +16,8 @@ use crate::datagram::message::{self, Echo, ObjectState, TeamMessage, VERSION};
 
 /// Number of stored senders: more than a team has. Bounds the memory if a foreign program invents robot numbers.
 const MAX_PEERS: usize = 16;
+/// A sender that is silent for this time loses its place when another one needs it, seconds.
+const PEER_AGE_MAX: f64 = 5.0;
 /// Number of tracked robots in a message; the most probable ones are sent.
 const MAX_OBSTACLES: usize = 16;
 
@@ -28,11 +30,24 @@ pub struct TeamLinkCounts {
     pub refused: BTreeMap<RejectReason, u64>,
 }
 
+/// The clock of a teammate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct TeamClock {
+    /// Number of the teammate.
+    pub robot: u32,
+    /// Own clock minus the teammate's, nanoseconds.
+    pub clock_offset_ns: i64,
+    /// Bound of the error: half the shortest round trip. None while the teammate does not receive this robot: then the
+    /// delay of its messages is unknown.
+    pub clock_uncertainty_ns: Option<i64>,
+}
+
 /// One robot's end of the team communication.
 #[derive(Debug)]
 pub struct TeamLink {
     team: u32,
     robot: u32,
+    members: Vec<u32>,
     silence: f64,
     key: Option<MacKey>,
     session: u64,
@@ -56,6 +71,7 @@ impl TeamLink {
         Ok(TeamLink {
             team: config.team,
             robot: config.robot,
+            members: config.members.clone(),
             silence: config.silence,
             key: config.key.as_deref().map(MacKey::new).transpose()?,
             session,
@@ -112,6 +128,18 @@ impl TeamLink {
         &self.counts
     }
 
+    /// The clocks of all teammates that were received, in the order of their numbers.
+    pub fn team_clocks(&self) -> Vec<TeamClock> {
+        let clock = |(robot, peer): (&u32, &Peer)| {
+            Some(TeamClock {
+                robot: *robot,
+                clock_offset_ns: peer.clock.offset_ns()?,
+                clock_uncertainty_ns: peer.clock.round_trip_ns().map(|round_trip| round_trip / 2),
+            })
+        };
+        self.peers.iter().filter_map(clock).collect()
+    }
+
     /// Clock of a teammate.
     pub fn peer_clock(&self, robot: u32) -> Option<&PeerClock> {
         self.peers.get(&robot).map(|peer| &peer.clock)
@@ -136,8 +164,8 @@ impl TeamLink {
         if !is_plausible(&message) {
             return Err(RejectReason::Senseless);
         }
-        if !self.peers.contains_key(&message.robot) && self.peers.len() >= MAX_PEERS {
-            return Err(RejectReason::Foreign);
+        if !self.peers.contains_key(&message.robot) {
+            self.make_place_for(message.robot, now)?;
         }
         let (own, silence) = (self.robot, self.silence);
         let peer = self.peers.entry(message.robot).or_default();
@@ -151,6 +179,30 @@ impl TeamLink {
         // The clock offset has an error, but a report is never from the future.
         let ours = |theirs: i64| Stamp(theirs.saturating_add(offset).min(now.0));
         Ok(report_from_message(&message, ours))
+    }
+}
+
+impl TeamLink {
+    /// Removes a sender if there is no place for a new one. Numbers of the team come first: they take the place of any
+    /// other number, and of a silent one of the team.
+    fn make_place_for(&mut self, robot: u32, now: Stamp) -> Result<(), RejectReason> {
+        if self.peers.len() < MAX_PEERS {
+            return Ok(());
+        }
+        let age = |peer: &Peer| now - Stamp(peer.received_ns);
+        let is_member = |robot: u32| self.members.contains(&robot);
+        let replaceable = self.peers.iter().filter(|(number, peer)| {
+            age(peer) > PEER_AGE_MAX || (is_member(robot) && !is_member(**number))
+        });
+        // Others before those of the team, then the longest silent one.
+        let replaced = replaceable.max_by(|(a, peer_a), (b, peer_b)| {
+            let others = is_member(**b).cmp(&is_member(**a));
+            others.then(age(peer_a).total_cmp(&age(peer_b)))
+        });
+        let replaced = replaced.map(|(number, _)| *number);
+        let replaced = replaced.ok_or(RejectReason::Foreign)?;
+        self.peers.remove(&replaced);
+        Ok(())
     }
 }
 
@@ -212,4 +264,53 @@ fn is_plausible(message: &TeamMessage) -> bool {
     pose && message.ball.as_ref().is_none_or(object_is_plausible)
         && message.obstacles.len() <= MAX_OBSTACLES
         && message.obstacles.iter().all(object_is_plausible)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::random_cycle;
+
+    fn link(robot: u32) -> TeamLink {
+        let config = TeamLinkConfig {
+            robot,
+            ..TeamLinkConfig::default()
+        };
+        TeamLink::new(&config, 7).expect("a link")
+    }
+
+    /// Sends a message of `robot` to `receiver` at `seconds`.
+    fn send(receiver: &mut TeamLink, robot: u32, seconds: f64) -> Result<(), RejectReason> {
+        let now = Stamp::from_seconds(seconds);
+        let mut cycle = random_cycle(0);
+        cycle.world.robots.clear();
+        cycle.world.ball = None;
+        cycle.estimate.pose = None;
+        let mut sender = link(robot);
+        // Each message comes from a later start of its sender.
+        sender.session = now.0 as u64;
+        let message = sender.encode_message(&cycle, now);
+        receiver.receive(&message, now).map(|_| ())
+    }
+
+    #[test]
+    fn forged_speakers_do_not_shut_out_the_team() {
+        let mut receiver = link(1);
+        assert_eq!(send(&mut receiver, 2, 0.1), Ok(()));
+        for number in 100..200 {
+            let expected = if number < 115 {
+                Ok(())
+            } else {
+                Err(RejectReason::Foreign)
+            };
+            assert_eq!(send(&mut receiver, number, 0.2), expected, "{number}");
+        }
+        // Numbers of the team take a place at once, and the first team-mate has kept its own.
+        assert_eq!(send(&mut receiver, 5, 0.3), Ok(()));
+        assert!(receiver.peers.contains_key(&2) && receiver.peers.len() == MAX_PEERS);
+        // Other numbers age out.
+        assert_eq!(send(&mut receiver, 300, 1.0), Err(RejectReason::Foreign));
+        assert_eq!(send(&mut receiver, 300, 6.0), Ok(()));
+        assert!(receiver.peers.contains_key(&2) && receiver.peers.contains_key(&5));
+    }
 }

@@ -1,10 +1,8 @@
 //! How is an image stored? Losslessly (PNG), for viewers (JPEG), or not at all.
 
-use std::io::Cursor;
-
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder, ImageFormat};
+use image::{ExtendedColorType, ImageEncoder};
 use jpeg_encoder::ColorType;
 use serde::{Deserialize, Serialize};
 
@@ -94,17 +92,7 @@ impl EncodedImage {
 
     /// Decodes the image.
     pub fn decode(&self) -> Result<Image> {
-        let format = match self.compression {
-            ImageCompression::Jpeg => ImageFormat::Jpeg,
-            ImageCompression::Png | ImageCompression::None => ImageFormat::Png,
-        };
-        let image = image::load(Cursor::new(&self.bytes), format)
-            .context("an image of the log is damaged")?;
-        let image = image.into_rgb8();
-        Ok(Image {
-            width_px: image.width() as usize,
-            height_px: image.height() as usize,
-            rgb: image.into_raw(),
-        })
+        Image::decode(&self.bytes)
+            .map_err(|reason| anyhow!("an image of the log is damaged: {reason}"))
     }
 }

@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 use localize::robot::{MapConfig, RobotConfig};
 use vision::GroundMap;
 use vision::colour::colour_table::ColourTable;
+use vision::output_file::write_file;
 
 use super::encoded_image::ImageCompression;
 use super::schema::{FORMAT_VERSION, PROJECT_NAME, wire};
@@ -23,7 +24,27 @@ pub(super) fn translate_files(mut files: BTreeMap<String, Vec<u8>>) -> BTreeMap<
             .entry(PIPELINE_FILE.to_owned())
             .or_insert(settings.into_bytes());
     }
+    if let Some(settings) = files.get_mut(PIPELINE_FILE) {
+        let text = String::from_utf8_lossy(settings).into_owned();
+        *settings = without_later_stages(&text).into_bytes();
+    }
     files
+}
+
+/// Settings of a log, with the stages off that the version which wrote it did not have: its images were all processed.
+fn without_later_stages(settings: &str) -> String {
+    let Ok(mut table) = toml::from_str::<toml::Table>(settings) else {
+        return settings.to_owned();
+    };
+    let Some(toml::Value::Table(vision)) = table.get_mut("vision") else {
+        return settings.to_owned();
+    };
+    if vision.contains_key("image_check") {
+        return settings.to_owned();
+    }
+    let off = toml::Table::from_iter([("enabled".to_owned(), toml::Value::Boolean(false))]);
+    vision.insert("image_check".to_owned(), toml::Value::Table(off));
+    table.to_string()
 }
 
 /// Metadata and files at the start of a log.
@@ -37,6 +58,12 @@ pub struct Header {
     pub seed: Option<u64>,
     /// Compression of the images.
     pub images: ImageCompression,
+    /// Name of the log that this one continues after a full disk. Its first cycle needs the state at the end of that log.
+    pub continues: Option<String>,
+    /// Wall-clock time since 1970 at the zero of the stamps, nanoseconds: added to a stamp it gives its log time.
+    ///
+    /// 0 in simulations and in logs of versions up to 0.2.0.
+    pub clock_offset_ns: i64,
     /// Files of the run by their names in a recording folder: robot.toml, field.toml, map.npz, mirror.csv, …
     ///
     /// robot.toml refers to the others by these names, so that they work in any folder.
@@ -51,8 +78,24 @@ impl Header {
             source: source.to_owned(),
             seed,
             images: ImageCompression::Png,
+            continues: None,
+            clock_offset_ns: 0,
             files: BTreeMap::new(),
         }
+    }
+
+    /// The header of a log that continues the log `previous` of the same run.
+    pub fn continuing(self, previous: &str) -> Self {
+        Header {
+            continues: Some(previous.to_owned()),
+            ..self
+        }
+    }
+
+    /// Sets the wall-clock time at the zero of the stamps.
+    pub fn with_clock_offset_ns(mut self, clock_offset_ns: i64) -> Self {
+        self.clock_offset_ns = clock_offset_ns;
+        self
     }
 
     /// Adds a file.
@@ -134,15 +177,68 @@ impl Header {
             .any(|old| self.version.starts_with(old))
     }
 
-    /// Writes the files to a folder.
+    /// Writes the files to a temporary or new folder. Errors if one has no plain name, or names a file outside the log.
     pub fn write_files(&self, folder: &Path) -> Result<()> {
+        self.write_each(folder, |path, content| std::fs::write(path, content))
+    }
+
+    /// As [`Header::write_files`], to a user's folder: each file replaces an earlier one when it is complete.
+    pub fn save_files(&self, folder: &Path) -> Result<()> {
+        self.write_each(folder, |path, content| write_file(path, content))
+    }
+
+    fn write_each(
+        &self,
+        folder: &Path,
+        write: impl Fn(&Path, &[u8]) -> std::io::Result<()>,
+    ) -> Result<()> {
+        self.check_paths()?;
         for (name, content) in &self.files {
             if name.is_empty() || name.starts_with('.') || name.contains(['/', '\\', '\0']) {
                 bail!("invalid file name in the log: {name:?} (expected a plain name)");
             }
             let path = folder.join(name);
-            std::fs::write(&path, content)
-                .with_context(|| format!("cannot write {}", path.display()))?;
+            write(&path, content).with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    /// Errors if robot.toml names a file that the log does not hold. A log must not make its reader open other files.
+    fn check_paths(&self) -> Result<()> {
+        if self.files.contains_key("labels.csv") {
+            bail!("the log holds labels.csv, which names files outside the log");
+        }
+        let text = self
+            .files
+            .get("robot.toml")
+            .map(|bytes| String::from_utf8_lossy(bytes));
+        // A file that is no TOML is refused with its line when it is loaded.
+        let Some(robot) = text.and_then(|text| text.parse::<toml::Table>().ok()) else {
+            return Ok(());
+        };
+        for key in [
+            "field",
+            "mask",
+            "labels",
+            "colours",
+            "include",
+            "map.file",
+            "mirror.profile",
+        ] {
+            let value = match key.split_once('.') {
+                Some((table, key)) => robot.get(table).and_then(|table| table.get(key)),
+                None => robot.get(key),
+            };
+            let is_inside = |value: &toml::Value| {
+                value
+                    .as_str()
+                    .is_some_and(|name| self.files.contains_key(name))
+            };
+            if let Some(value) = value.filter(|value| !is_inside(value)) {
+                bail!(
+                    "the log's robot.toml: {key} = {value} (expected the name of a file in the log)"
+                );
+            }
         }
         Ok(())
     }
@@ -182,15 +278,19 @@ impl Header {
     /// The metadata record. Files are attachments.
     pub(crate) fn metadata(&self) -> BTreeMap<String, String> {
         let seed = self.seed.map_or_else(String::new, |seed| seed.to_string());
+        let continues = self.continues.iter().map(|log| ("continues", log.clone()));
         [
             ("format", FORMAT_VERSION.to_string()),
             ("version", self.version.clone()),
             ("source", self.source.clone()),
             ("seed", seed),
             ("images", self.images.name().to_owned()),
+            ("clock_offset_ns", self.clock_offset_ns.to_string()),
         ]
+        .into_iter()
+        .chain(continues)
         .map(|(key, value)| (key.to_owned(), value))
-        .into()
+        .collect()
     }
 
     /// Reads the metadata record of the log at `path`. Rejects other log formats.
@@ -211,6 +311,7 @@ impl Header {
         }
         let seed = value("seed")?;
         let images = value("images")?;
+        let clock_offset = values.get("clock_offset_ns").map_or("0", String::as_str);
         Ok(Header {
             version: version.clone(),
             source: value("source")?.clone(),
@@ -226,6 +327,13 @@ impl Header {
             images: ImageCompression::from_name(images).with_context(|| {
                 format!(
                     "{}: unknown image compression: {images:?} (expected png, jpeg or none)",
+                    path.display()
+                )
+            })?,
+            continues: values.get("continues").cloned(),
+            clock_offset_ns: clock_offset.parse().with_context(|| {
+                format!(
+                    "{}: invalid clock_offset_ns: {clock_offset:?} (expected a whole number)",
                     path.display()
                 )
             })?,

@@ -18,6 +18,7 @@ use prost::Message;
 use super::encoded_image::EncodedImage;
 use super::fallback::FallbackReader;
 use super::header::{Header, translate_files};
+use super::limits::{FieldBudget, check_message};
 use super::mcap_records::{
     LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
 };
@@ -63,7 +64,7 @@ impl LogIndex {
         let mut missing = Vec::new();
         let header = read_header(path, &mut missing)?;
         let mut topics = HashMap::new();
-        let (parts, end) = match read_summary(path) {
+        let (mut parts, end) = match read_summary(path) {
             Ok(Some(summary)) => {
                 let channels = summary.channels.iter();
                 topics.extend(channels.map(|(id, channel)| (*id, channel.topic.clone())));
@@ -90,6 +91,12 @@ impl LogIndex {
             "{} holds no whole chunk of messages",
             path.display()
         );
+        // Chunks have the times of their messages, cycles have stamps.
+        for part in &mut parts {
+            for time in [&mut part.start, &mut part.end] {
+                *time = Stamp(time.0.saturating_sub(header.clock_offset_ns));
+            }
+        }
         let index = LogIndex {
             path: path.to_owned(),
             header,
@@ -113,7 +120,7 @@ impl LogIndex {
         let records = self.read_chunk_messages(part).unwrap_or_default();
         records
             .iter()
-            .any(|(topic, _, data)| topic == CYCLE_TOPIC && wire::Cycle::decode(&data[..]).is_ok())
+            .any(|(topic, _, data)| topic == CYCLE_TOPIC && is_readable_cycle(data))
     }
 
     fn with_topic_warnings(mut self) -> Self {
@@ -176,7 +183,11 @@ impl LogIndex {
         let mut images: HashMap<u64, EncodedImage> = HashMap::new();
         let mut cycles = Vec::new();
         let mut fallback = FallbackReader::default();
+        let mut budget = FieldBudget::default();
         for (topic, time, data) in self.read_chunk_messages(part)? {
+            budget
+                .add_message(&data)
+                .with_context(|| self.path.display().to_string())?;
             match topic.as_str() {
                 IMAGE_TOPIC => drop(images.insert(time, decode_compressed_image(&data)?)),
                 CYCLE_TOPIC => match wire::Cycle::decode(&data[..]) {
@@ -278,6 +289,10 @@ impl LogIndex {
         }
         Ok(messages)
     }
+}
+
+fn is_readable_cycle(message: &[u8]) -> bool {
+    check_message(message).is_ok() && wire::Cycle::decode(message).is_ok()
 }
 
 fn stamp_from_log_time(log_time: u64) -> Stamp {

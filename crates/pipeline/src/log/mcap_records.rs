@@ -7,10 +7,11 @@ use std::io::{BufReader, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, ensure};
-use mcap::McapResult;
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+use super::limits::{CHUNK_BYTES_MAX, CHUNK_RECORDS_MAX, check_chunk};
 
 /// Longest accepted record, bytes. A longer one has a damaged length and is not allocated.
 pub(super) const MAX_RECORD_BYTES: u64 = 256 * 1024 * 1024;
@@ -153,14 +154,19 @@ impl RecordReader {
     }
 }
 
-/// Decodes the records of a chunk with a correct checksum.
-pub(super) fn decode_chunk(body: &[u8]) -> McapResult<VecDeque<Record<'static>>> {
-    // The limit and this check prevent the allocation of damaged lengths.
+/// Decodes the records of a chunk with a correct checksum. Errors if it unpacks to more than allowed.
+pub(super) fn decode_chunk(body: &[u8]) -> Result<VecDeque<Record<'static>>> {
+    let Record::Chunk { header, data } = parse_record(op::CHUNK, body)? else {
+        return Err(anyhow!("not a chunk"));
+    };
+    check_chunk(&header, data.len())?;
+    // The reader applies the limit to the whole chunk only if there is a checksum. Without one, the sum below does it.
+    let mut remaining = header.uncompressed_size;
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
         .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(MAX_RECORD_BYTES as usize);
+        .with_record_length_limit(CHUNK_BYTES_MAX as usize);
     let mut reader = LinearReader::new_with_options(options);
     let prefix: Vec<u8> = [op::CHUNK]
         .into_iter()
@@ -175,7 +181,15 @@ pub(super) fn decode_chunk(body: &[u8]) -> McapResult<VecDeque<Record<'static>>>
                 reader.notify_read(read);
             }
             LinearReadEvent::Record { opcode, data } => {
-                records.push_back(parse_record(opcode, data)?.into_owned())
+                let bytes = (RECORD_HEADER_BYTES + data.len()) as u64;
+                remaining = remaining
+                    .checked_sub(bytes)
+                    .context("a chunk that unpacks to more than it says")?;
+                ensure!(
+                    records.len() < CHUNK_RECORDS_MAX,
+                    "a chunk of more than {CHUNK_RECORDS_MAX} records"
+                );
+                records.push_back(parse_record(opcode, data)?.into_owned());
             }
         }
     }

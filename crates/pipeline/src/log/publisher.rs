@@ -5,7 +5,7 @@ use localize::estimate::Mode;
 use localize::{Field, Stamp};
 
 use super::encoded_image::{EncodedImage, ImageCompression};
-use super::schema::{Level, Topics, convert, image_annotations, scene, wire};
+use super::schema::{Level, SinkId, Topics, convert, image_annotations, scene, wire};
 use crate::cycle::Cycle;
 use crate::feed::DropCounts;
 use crate::sample::SourceImage;
@@ -15,34 +15,48 @@ pub struct CyclePublisher {
     pub(super) topics: Topics,
     images: ImageCompression,
     jpeg_quality: u8,
+    /// Wall-clock time at the zero of the stamps, nanoseconds.
+    clock_offset_ns: i64,
     /// Mode of the previous cycle.
     last_mode: Option<Mode>,
 }
 
 impl CyclePublisher {
-    /// `jpeg_quality`: 1 to 100.
-    pub fn new(topics: Topics, images: ImageCompression, jpeg_quality: u8) -> Self {
+    /// `jpeg_quality`: 1 to 100. `clock_offset_ns`: added to a stamp it gives the time of its message.
+    pub fn new(
+        topics: Topics,
+        images: ImageCompression,
+        jpeg_quality: u8,
+        clock_offset_ns: i64,
+    ) -> Self {
         CyclePublisher {
             topics,
             images,
             jpeg_quality,
+            clock_offset_ns,
             last_mode: None,
         }
     }
 
-    /// Publishes the field's markings, for viewers.
-    pub fn publish_field(&self, field: &Field, stamp: Stamp) {
+    /// Time of a message. The cycle itself keeps its stamps, so that a replay repeats their bits.
+    pub fn message_time(&self, stamp: Stamp) -> Stamp {
+        Stamp(stamp.0.saturating_add(self.clock_offset_ns))
+    }
+
+    /// Publishes the field's markings, for one viewer or for all.
+    pub fn publish_field(&self, field: &Field, stamp: Stamp, viewer: Option<SinkId>) {
+        let stamp = self.message_time(stamp);
         let (points, lines) = (
             scene::field_points(field, stamp),
             scene::field_scene(field, stamp),
         );
-        self.topics.field_lines.log_at(&points, stamp);
-        self.topics.scene.log_at(&lines, stamp);
+        self.topics.field_lines.log_to(&points, stamp, viewer);
+        self.topics.scene.log_to(&lines, stamp, viewer);
     }
 
     /// Publishes a cycle on all topics. Returns true if its image was published.
     pub fn publish_cycle(&mut self, index: u64, cycle: &Cycle) -> Result<bool> {
-        let stamp = cycle.stamp;
+        let stamp = self.message_time(cycle.stamp);
         self.publish_inputs(cycle);
         let image = match &cycle.inputs.image {
             Some(image) if self.topics.has_image_sinks() => self.encode_image(image)?,
@@ -80,35 +94,41 @@ impl CyclePublisher {
 
     fn publish_inputs(&self, cycle: &Cycle) {
         for sample in &cycle.inputs.odometry {
-            self.topics
-                .odometry
-                .log_at(&convert::odometry_to_wire(sample), sample.stamp);
+            self.topics.odometry.log_at(
+                &convert::odometry_to_wire(sample),
+                self.message_time(sample.stamp),
+            );
         }
         for sample in &cycle.inputs.imu {
-            self.topics
-                .imu
-                .log_at(&convert::imu_to_wire(sample), sample.stamp);
+            self.topics.imu.log_at(
+                &convert::imu_to_wire(sample),
+                self.message_time(sample.stamp),
+            );
         }
         for sample in &cycle.inputs.compass {
-            self.topics
-                .compass
-                .log_at(&convert::compass_to_wire(sample), sample.stamp);
+            self.topics.compass.log_at(
+                &convert::compass_to_wire(sample),
+                self.message_time(sample.stamp),
+            );
         }
         for sample in &cycle.inputs.commands {
-            self.topics
-                .command
-                .log_at(&convert::command_to_wire(sample), sample.stamp);
+            self.topics.command.log_at(
+                &convert::command_to_wire(sample),
+                self.message_time(sample.stamp),
+            );
         }
         if let Some(truth) = &cycle.inputs.truth {
+            let stamp = self.message_time(truth.stamp);
             self.topics
                 .truth
-                .log_at(&scene::pose_in_frame(truth.pose, truth.stamp), truth.stamp);
+                .log_at(&scene::pose_in_frame(truth.pose, stamp), stamp);
         }
     }
 
     fn publish_results(&self, cycle: &Cycle) {
-        let (topics, stamp, estimate) = (&self.topics, cycle.stamp, &cycle.estimate);
-        if let Some(annotations) = image_annotations::image_annotations(cycle) {
+        let (topics, estimate) = (&self.topics, &cycle.estimate);
+        let stamp = self.message_time(cycle.stamp);
+        if let Some(annotations) = image_annotations::image_annotations(cycle, stamp) {
             topics.annotations.log_at(&annotations, stamp);
         }
         if let Some(detections) = &cycle.detections {
@@ -144,6 +164,11 @@ impl CyclePublisher {
                 .transforms
                 .log_at(&scene::robot_transform(pose, stamp), stamp);
         }
+        if let Some(map) = &estimate.map_correction {
+            topics
+                .map_correction
+                .log_at(&convert::map_correction_to_wire(map), stamp);
+        }
         if !estimate.runners_up.is_empty() {
             let poses = estimate.runners_up.iter().map(|other| other.pose);
             topics
@@ -155,7 +180,9 @@ impl CyclePublisher {
                 .team
                 .log_at(&convert::team_to_wire(&cycle.team), stamp);
         }
-        topics.scene.log_at(&scene::cycle_scene(cycle), stamp);
+        topics
+            .scene
+            .log_at(&scene::cycle_scene(cycle, stamp), stamp);
     }
 
     /// Logs a warning about dropped cycles. `consumer`: name of the slow consumer.
@@ -163,35 +190,37 @@ impl CyclePublisher {
         if !dropped.is_zero() {
             let DropCounts { images, cycles } = dropped;
             let text = format!("{consumer} is slow: dropped {images} images, {cycles} cycles");
-            self.topics.log_message(stamp, Level::Warning, text);
+            self.log_message(stamp, Level::Warning, text);
         }
     }
 
     /// Logs an error.
     pub fn log_error(&self, error: &str, stamp: Stamp) {
+        self.log_message(stamp, Level::Error, error.to_owned());
+    }
+
+    /// Logs a line of text.
+    pub(super) fn log_message(&self, stamp: Stamp, level: Level, text: String) {
         self.topics
-            .log_message(stamp, Level::Error, error.to_owned());
+            .log_message(self.message_time(stamp), level, text);
     }
 
     /// Logs changes of the mode, unusable images and uncontrolled light changes.
     fn log_state_changes(&mut self, cycle: &Cycle) {
         let (stamp, estimate) = (cycle.stamp, &cycle.estimate);
         if let Some(fault) = &cycle.fault {
-            self.topics
-                .log_message(stamp, Level::Warning, format!("frame not used: {fault}"));
+            self.log_message(stamp, Level::Warning, format!("frame not used: {fault}"));
         }
         if cycle.exposure.is_some_and(|status| status.warning) {
             let text = "the light changed, and this camera's exposure cannot be controlled";
-            self.topics
-                .log_message(stamp, Level::Warning, text.to_owned());
+            self.log_message(stamp, Level::Warning, text.to_owned());
         }
         if self.last_mode.replace(estimate.mode) != Some(estimate.mode) {
             let level = match estimate.mode {
                 Mode::Lost => Level::Warning,
                 Mode::Tracking | Mode::Global => Level::Info,
             };
-            self.topics
-                .log_message(stamp, level, convert::mode_and_reason(estimate));
+            self.log_message(stamp, level, convert::mode_and_reason(estimate));
         }
     }
 }

@@ -10,6 +10,7 @@ use prost::Message;
 
 use super::encoded_image::{EncodedImage, ImageCompression};
 use super::header::{Header, translate_files};
+use super::limits::check_message;
 use super::mcap_records::{LogEnd, RecordReader};
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
@@ -105,6 +106,7 @@ impl CycleAssembler {
     }
 
     fn assemble_cycle(&mut self, log_time: u64, data: &[u8]) -> Result<LoggedCycle> {
+        check_message(data)?;
         let message = wire::Cycle::decode(data)?;
         let index = message.index;
         // A recovered log may lack the image's chunk, and a slow viewer the image.
@@ -245,11 +247,13 @@ impl Iterator for LogReader {
 }
 
 impl LoggedCycle {
-    /// The samples of the cycle, the image last.
+    /// The samples of the cycle: first changed settings, last the image.
     ///
     /// With `pixels`, the image holds its pixels if the log stored them losslessly. Otherwise it holds the detections.
     pub fn samples(&self, pixels: bool) -> Result<Vec<Sample>> {
-        let mut samples = self.cycle.inputs.sorted_samples();
+        let settings = self.cycle.inputs.settings.clone();
+        let mut samples: Vec<Sample> = settings.map(Sample::Settings).into_iter().collect();
+        samples.extend(self.cycle.inputs.sorted_samples());
         let exact = self
             .image
             .as_ref()
@@ -267,6 +271,7 @@ impl LoggedCycle {
         };
         samples.push(Sample::Image(CameraImage {
             stamp: self.cycle.stamp,
+            setting: self.cycle.inputs.setting,
             content,
         }));
         Ok(samples)

@@ -94,6 +94,16 @@ impl Recorder {
         self.notes.push(stamp, text);
     }
 
+    /// Number of the next cycle.
+    pub fn next_index(&self) -> u64 {
+        self.next_index
+    }
+
+    /// Continues the numbers of an earlier log. A reader sees from the first number that earlier cycles are missing.
+    pub fn set_next_index(&mut self, next_index: u64) {
+        self.next_index = next_index;
+    }
+
     /// Number of cycles flushed to disk.
     pub fn flushed_cycles(&self) -> u64 {
         self.flushed_cycles.load(Ordering::Relaxed)

@@ -1,14 +1,13 @@
 //! What can be recovered from a killed or damaged log? Every complete record, in a file with index and summary.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fs::File;
-use std::io::BufWriter;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use localize::Stamp;
 use mcap::records::{MessageHeader, Record};
 use mcap::{Attachment, WriteOptions, Writer};
+use vision::output_file::OutputFile;
 
 use super::mcap_records::{DamagedRange, LogEnd, RecordReader};
 
@@ -37,22 +36,13 @@ pub fn recover(from: &Path, to: &Path) -> Result<RecoverySummary> {
         from.display()
     );
     let mut stream = RecordReader::open(from)?;
-    let partial = PathBuf::from(format!("{}.part", to.display()));
-    let saved = File::create(&partial)
+    OutputFile::create(to)
         .map_err(anyhow::Error::from)
-        .and_then(|file| copy_records(&mut stream, BufWriter::new(file)))
-        .and_then(|recovered| {
-            std::fs::rename(&partial, to)?;
-            Ok(recovered)
-        });
-    if saved.is_err() {
-        // The first error is reported. Failure to remove the partial file is ignored.
-        let _ = std::fs::remove_file(&partial);
-    }
-    saved.with_context(|| format!("cannot write {}", to.display()))
+        .and_then(|file| copy_records(&mut stream, file))
+        .with_context(|| format!("cannot write {}", to.display()))
 }
 
-fn copy_records(stream: &mut RecordReader, file: BufWriter<File>) -> Result<RecoverySummary> {
+fn copy_records(stream: &mut RecordReader, file: OutputFile) -> Result<RecoverySummary> {
     let mut recovered = RecoverySummary {
         messages: 0,
         until: None,
@@ -118,17 +108,13 @@ fn copy_records(stream: &mut RecordReader, file: BufWriter<File>) -> Result<Reco
         ]),
     })?;
     copy.writer.finish()?;
-    copy.writer
-        .into_inner()
-        .into_inner()
-        .map_err(|error| error.into_error())?
-        .sync_all()?;
+    copy.writer.into_inner().finish()?;
     Ok(recovered)
 }
 
 /// A writer, with the maps from the old file's schema and channel numbers to its own.
 struct LogCopier {
-    writer: Writer<BufWriter<File>>,
+    writer: Writer<OutputFile>,
     schemas: HashMap<u16, u16>,
     channels: HashMap<u16, u16>,
 }

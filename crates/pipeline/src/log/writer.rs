@@ -79,7 +79,12 @@ impl LogWriter {
         sink.flush()?;
         Ok(LogWriter {
             sink,
-            messages: CyclePublisher::new(topics, config.images, config.jpeg_quality),
+            messages: CyclePublisher::new(
+                topics,
+                config.images,
+                config.jpeg_quality,
+                header.clock_offset_ns,
+            ),
             period,
             pending_field: Some(field.clone()),
             notes,
@@ -98,12 +103,12 @@ impl LogWriter {
         let mut flushed = Instant::now();
         while let Some(((index, cycle), dropped)) = queue.pop() {
             if let Some(field) = self.pending_field.take() {
-                self.messages.publish_field(&field, cycle.stamp);
+                self.messages.publish_field(&field, cycle.stamp, None);
             }
             let has_image = self.messages.publish_cycle(index, &cycle)?;
             self.messages.log_dropped("the disk", dropped, cycle.stamp);
             while let Some((stamp, text)) = self.notes.pop() {
-                self.messages.topics.log_message(stamp, Level::Info, text);
+                self.messages.log_message(stamp, Level::Info, text);
             }
             let LogStats {
                 cycles,

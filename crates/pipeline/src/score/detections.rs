@@ -9,6 +9,7 @@ use localize::{Field, Pose};
 use serde::Serialize;
 use sim::world::OTHER_HALF_SIDE;
 use vision::config::ObjectConfig;
+use vision::objects::robots::RobotDetection;
 use vision::{Detections, GroundMap, overlay};
 
 use crate::score::visibility::{self, Body, BodyOutline};
@@ -42,6 +43,8 @@ pub struct GroundTruthScene<'a> {
     pub occluded_sectors: &'a [(f32, f32)],
     /// Ball and robots. None if they are unknown.
     pub objects: Option<&'a [GroundTruthObject]>,
+    /// People. A robot that is detected in their place is an obstacle in its place: neither found nor false.
+    pub people: &'a [At<FieldFrame>],
 }
 
 /// Detection results as `--json` prints them.
@@ -61,13 +64,14 @@ pub struct DetectionSummary {
     pub balls_found: usize,
     /// Images with a false ball.
     pub balls_false: usize,
-    /// Robots within 4 m with more than half of their directions unoccluded, and those that were detected.
+    /// Robots within 4 m with more than half of their directions unoccluded, and those with a detection of their own
+    /// that is right within three of its standard deviations.
     pub robots: usize,
     /// See `robots`.
     pub robots_found: usize,
     /// Share of the detected robots whose nearest visible edge is within 10 cm of the truth.
     pub robot_edges_right: f64,
-    /// False robots within 4 m.
+    /// Detected robots within 4 m that are farther than three of their standard deviations from every robot.
     pub robots_false: usize,
     /// Detected goal posts, and those within 0.5 m of a true one.
     pub posts: usize,
@@ -127,7 +131,8 @@ const MIN_MARKING_RANGE: f32 = 0.4;
 const MAX_MARKING_RANGE: f32 = 6.0;
 /// Largest error of a correct ball detection: metres, plus a share of the distance.
 const BALL_TOLERANCE: (f32, f32) = (0.15, 0.1);
-/// Largest distance between a robot and its detection, centre to centre, metres: a robot's width.
+/// Largest distance between a robot and its detection, centre to centre, metres: a robot's width. A detection that states
+/// a larger error says nothing.
 const ROBOT_TOLERANCE: f32 = 0.5;
 
 impl DetectionStatistics {
@@ -279,21 +284,16 @@ impl DetectionStatistics {
         let bodies = scene.robot_bodies();
         let truths: Vec<At<RobotFrame>> = bodies.iter().map(|body| body.at).collect();
         let visibilities = visibility::body_visibilities(&bodies, scene.occluded_sectors);
+        let assigned = assign_robots(&detections.robots, &truths);
         // An occluded robot counts neither as missed nor as false.
         let visible = truths
             .iter()
             .zip(visibilities)
-            .filter(|(_, visibility)| visibility.visible_fraction > 0.5);
-        for (truth, visibility) in visible {
+            .zip(&assigned)
+            .filter(|((_, visibility), _)| visibility.visible_fraction > 0.5);
+        for ((truth, visibility), found) in visible {
             let near = truth.distance() <= 4.0;
-            let found = detections
-                .robots
-                .iter()
-                .min_by(|a, b| {
-                    a.at.distance_to(*truth)
-                        .total_cmp(&b.at.distance_to(*truth))
-                })
-                .filter(|robot| robot.at.distance_to(*truth) <= ROBOT_TOLERANCE);
+            let found = found.map(|index| &detections.robots[index]);
             let mut note_robot = |kind, correct| {
                 note(ScoredItem {
                     kind,
@@ -310,11 +310,13 @@ impl DetectionStatistics {
                 self.edges_correct += usize::from(near && correct);
             }
         }
-        let false_robots = detections.robots.iter().filter(|robot| {
-            truths
-                .iter()
-                .all(|truth| truth.distance_to(robot.at) > 2.0 * ROBOT_TOLERANCE)
-        });
+        let people = scene.people.iter().map(|at| scene.pose.inverse() * *at);
+        let obstacles: Vec<At<RobotFrame>> = truths.iter().copied().chain(people).collect();
+        // A second detection of one robot lies within its stated error, so it is no false robot.
+        let false_robots = detections
+            .robots
+            .iter()
+            .filter(|robot| !obstacles.iter().any(|truth| is_within_error(robot, *truth)));
         for false_robot in false_robots {
             let range = false_robot.edge.distance();
             self.summary.robots_false += usize::from(range <= 4.0);
@@ -337,6 +339,41 @@ impl DetectionStatistics {
             ..self.summary
         })
     }
+}
+
+/// The detection of each robot: one detection counts for one robot, nearest pairs first.
+fn assign_robots(detections: &[RobotDetection], truths: &[At<RobotFrame>]) -> Vec<Option<usize>> {
+    let mut pairs: Vec<(f32, usize, usize)> = Vec::new();
+    for (k, robot) in detections.iter().enumerate() {
+        for (i, truth) in truths.iter().enumerate() {
+            if is_within_error(robot, *truth) {
+                pairs.push((robot.at.distance_to(*truth), k, i));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut assigned = vec![None; truths.len()];
+    let mut used = vec![false; detections.len()];
+    for (_, k, i) in pairs {
+        if assigned[i].is_none() && !used[k] {
+            assigned[i] = Some(k);
+            used[k] = true;
+        }
+    }
+    assigned
+}
+
+/// Is the robot within three standard deviations of its detection, and within its own width?
+fn is_within_error(detection: &RobotDetection, truth: At<RobotFrame>) -> bool {
+    let distance = detection.at.distance_to(truth);
+    if distance > ROBOT_TOLERANCE {
+        return false;
+    }
+    let (dx, dy) = (truth.x - detection.at.x, truth.y - detection.at.y);
+    let [xx, xy, yy] = detection.covariance;
+    // Variance along the direction of the error, times the squared distance.
+    let scaled_variance = dx * dx * xx + 2.0 * dx * dy * xy + dy * dy * yy;
+    distance.powi(4) <= 9.0 * scaled_variance
 }
 
 impl DetectionSummary {
@@ -440,5 +477,40 @@ impl GroundTruthScene<'_> {
             at,
         )
         .is_some_and(|whole| visible > 0.5 * whole)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn robot(x: f32, std: f32) -> RobotDetection {
+        RobotDetection {
+            at: At::new(x, 0.0),
+            edge: At::new(x - 0.25, 0.0),
+            covariance: [std * std, 0.0, std * std],
+            width: 0.5,
+            marker: None,
+            score: 1.0,
+            position_px: [0.0, 0.0],
+        }
+    }
+
+    #[test]
+    fn one_detection_counts_for_one_robot() {
+        let truths = [At::new(2.0, 0.0), At::new(2.3, 0.0)];
+        let one = assign_robots(&[robot(2.2, 0.1)], &truths);
+        assert_eq!(one, [None, Some(0)]);
+        let two = assign_robots(&[robot(2.2, 0.1), robot(2.1, 0.1)], &truths);
+        assert_eq!(two, [Some(1), Some(0)]);
+    }
+
+    #[test]
+    fn detection_beyond_its_stated_error_is_of_no_robot() {
+        let truth = At::new(2.0, 0.0);
+        assert!(is_within_error(&robot(2.25, 0.1), truth));
+        assert!(!is_within_error(&robot(2.25, 0.05), truth));
+        // A large stated error does not make a detection half a metre off right.
+        assert!(!is_within_error(&robot(2.6, 5.0), truth));
     }
 }

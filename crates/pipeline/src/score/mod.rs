@@ -117,6 +117,7 @@ mod tests {
             ball: None,
             robots: Vec::new(),
             robot_headings: Vec::new(),
+            people: Vec::new(),
         }
     }
 

@@ -16,7 +16,9 @@ pub enum Course {
     Lean,
     /// Plain, without line points for two of every eight seconds.
     Blind,
-    /// Slip, pushes, tilt and vision loss together.
+    /// Blind, with wheels of unequal radius, which turn a straight way into an arc.
+    UnequalWheels,
+    /// Slip, pushes, tilt, vision loss and unequal wheels together.
     All,
     /// 3 m/s, images stamped 80 ms after their exposure, with this latency configured.
     Late,
@@ -26,12 +28,13 @@ pub enum Course {
 
 impl Course {
     /// All, in the order of the table.
-    pub const ALL: [Course; 8] = [
+    pub const ALL: [Course; 9] = [
         Course::Plain,
         Course::Slip,
         Course::Hits,
         Course::Lean,
         Course::Blind,
+        Course::UnequalWheels,
         Course::All,
         Course::Late,
         Course::UnknownLatency,

@@ -36,16 +36,12 @@ pub struct FusionExperiment {
 
 impl Default for FusionExperiment {
     fn default() -> Self {
-        let mut localize = LocalizeConfig::default();
-        // Errors of sampled points are independent; only the grid of the distance map is systematic.
-        localize.filter.systematic_position_std = 0.0007;
-        localize.filter.systematic_heading_std_deg = 0.02;
         FusionExperiment {
             seeds: 0..3,
             duration: 90.0,
             disturbances: Course::ALL.to_vec(),
             estimators: Estimator::ALL.to_vec(),
-            localize,
+            localize: LocalizeConfig::default(),
         }
     }
 }

@@ -19,6 +19,8 @@ use crate::simulation::{Sim, SimError, SimSample};
 pub(super) const LATENCY: f32 = 0.08;
 /// Real radius of the wheels over the configured one: odometry overestimates by 3 %.
 pub(super) const RADIUS_SCALE: f32 = 1.0 / 1.03;
+/// The same for wheels of unequal radius, in the order of the base's wheels; their mean is that of the others.
+const UNEQUAL_RADIUS_SCALES: [f32; 3] = [1.0 / 1.03, 1.0 / 1.02, 1.0 / 1.04];
 /// Images per second, and true poses per image.
 const FRAME_RATE: f64 = 30.0;
 const TRUTHS_PER_IMAGE: usize = 3;
@@ -194,14 +196,22 @@ fn scenario(
         squad: Vec::new(),
         radio: Default::default(),
         wheels: crate::scenario::WheelConfig {
-            radius_scale: vec![RADIUS_SCALE],
+            radius_scale: match course {
+                Course::UnequalWheels | Course::All => UNEQUAL_RADIUS_SCALES.to_vec(),
+                _ => vec![RADIUS_SCALE],
+            },
             ..Default::default()
         },
         mount: Default::default(),
         focal_scale: 1.0,
         film: Default::default(),
         light: Default::default(),
+        hall: Default::default(),
+        people: Default::default(),
+        // Tilts of the course are added to the samples, of the same size for each speed.
+        rocking: crate::rocking::RockingConfig::upright(),
         kidnaps: Vec::new(),
+        knocks: Vec::new(),
         pushes,
         occlusions: Vec::new(),
         faults: Vec::new(),
@@ -218,7 +228,7 @@ fn shrink_camera(robot: &mut RobotConfig) {
         scaled(&mut camera.focal_px);
         scaled(&mut camera.outer_radius_px);
         let middle = (SIDE_PX as f32 - 1.0) / 2.0;
-        camera.centre_px = [middle, middle];
+        camera.centre_px = Some([middle, middle]);
     }
 }
 
@@ -269,7 +279,7 @@ fn frames(
     rng: &mut ChaCha8Rng,
 ) -> Vec<PointObservation> {
     let late = matches!(course, Course::Late | Course::UnknownLatency);
-    let loses_vision = matches!(course, Course::Blind | Course::All);
+    let loses_vision = matches!(course, Course::Blind | Course::UnequalWheels | Course::All);
     let sensing = SyntheticDriveConfig::default();
     let height = localize::matching::MatchConfig::default().viewpoint_height;
     let is_lost_at = |seconds: f64| {

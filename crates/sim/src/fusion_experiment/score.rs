@@ -39,9 +39,11 @@ pub struct FusionScore {
     pub after_hit: Option<f32>,
     /// Mean error along the velocity, with line points; latency causes it.
     pub along: f32,
-    /// Mean normalised estimation error squared, with line points; 3 is consistent.
+    /// Mean normalised estimation error squared over all images, those without line points included; 3 is consistent.
     pub nees: f32,
-    /// Share of images with line points inside the 95 % band of χ² with three degrees of freedom.
+    /// The same over the images without line points. `None` if there are none.
+    pub nees_blind: Option<f32>,
+    /// Share of all images inside the 95 % band of χ² with three degrees of freedom.
     pub nees_inside: f32,
     /// Images without a pose, or with one from a global search.
     pub searched: usize,
@@ -63,6 +65,8 @@ pub(super) struct ScoreSums {
     nees: f64,
     nees_in_band: usize,
     nees_count: usize,
+    nees_blind: f64,
+    nees_blind_count: usize,
     relocated: usize,
     vision_loss_errors: Vec<f32>,
     post_push_errors: Vec<f32>,
@@ -96,7 +100,7 @@ impl ScoreSums {
     }
 
     fn add_nees(&mut self, frame: &PointObservation, estimate: &Estimate) {
-        let (Some(pose), false) = (estimate.pose, frame.vision_lost) else {
+        let Some(pose) = estimate.pose else {
             return;
         };
         let error = pose.difference(frame.truth);
@@ -108,6 +112,10 @@ impl ScoreSums {
         self.nees_in_band +=
             usize::from((CHI_SQUARED_BAND[0]..=CHI_SQUARED_BAND[1]).contains(&squared));
         self.nees_count += 1;
+        if frame.vision_lost {
+            self.nees_blind += f64::from(squared);
+            self.nees_blind_count += 1;
+        }
     }
 
     pub(super) fn score(&self, course: Course, estimator: Estimator) -> FusionScore {
@@ -126,6 +134,8 @@ impl ScoreSums {
             after_hit: average(&self.post_push_errors),
             along: mean(self.along_track_error, self.moving),
             nees: mean(self.nees, self.nees_count),
+            nees_blind: (self.nees_blind_count > 0)
+                .then(|| mean(self.nees_blind, self.nees_blind_count)),
             nees_inside: self.nees_in_band as f32 / self.nees_count.max(1) as f32,
             searched: self.relocated,
             scale_off: self.odometry_scale_error,

@@ -2,11 +2,10 @@
 
 use localize::field::{FieldConfig, GoalColour};
 use localize::frames::{At, Pose, RobotFrame, Tf};
-use localize::robot::BodyConfig;
 
 use super::environment::Environment;
-use super::ground::Ground;
 use super::light_buffer::LightBuffer;
+use super::moving_rays::MovedRays;
 use super::rays::{RayRange, SortedRays, Tile};
 use super::scene::Scene;
 use super::solids::{
@@ -14,6 +13,7 @@ use super::solids::{
 };
 use crate::image_sensor::linear_from_srgb;
 use crate::light::LightConfig;
+use crate::people::Person;
 use crate::world::{OTHER_HALF_SIDE, RobotState};
 use localize::world::TeamColour;
 
@@ -70,6 +70,9 @@ impl DrawList {
         for robot in scene.robots {
             builder.add_robot(robot);
         }
+        for person in scene.people {
+            builder.add_person(person);
+        }
         if let Some((at, diameter, colour)) = scene.ball {
             builder.add_ball(at.x, at.y, diameter / 2.0, linear(colour));
         }
@@ -94,16 +97,17 @@ impl DrawList {
         &self,
         rays: &SortedRays,
         tile: &Tile,
-        ground: &Ground,
+        moved: &MovedRays,
         light_buffer: &mut LightBuffer,
     ) {
         let context = DrawContext {
             rays,
+            moved,
             tile,
             light_direction: self.light_direction,
         };
         for (shadow, range) in self.shadows.iter().zip(&self.shadow_rays) {
-            shadow.draw(range, &context, ground, light_buffer);
+            shadow.draw(range, &context, light_buffer);
         }
         for ((_, primitive), range) in self.primitives.iter().zip(&self.primitive_rays) {
             primitive.draw(range, &context, light_buffer);
@@ -186,6 +190,46 @@ impl DrawListBuilder<'_> {
                 sin,
                 height: CLEARANCE,
             },
+        });
+    }
+
+    /// Adds a person: shoes, two legs in mid-stride, upper body and head.
+    fn add_person(&mut self, person: &Person) {
+        let Pose { x, y, theta, .. } = person.pose;
+        let (sin, cos) = theta.sin_cos();
+        let [trousers, shirt] = person.colours.map(linear);
+        let round = |radius: f32| Outline::Circle { radius };
+        let first = self.list.primitives.len();
+        let mut part =
+            |[ahead, left]: [f32; 2], bottom: f32, top: f32, radius: f32, colour: [f32; 3]| {
+                self.add_solid(Solid {
+                    x: x + cos * ahead - sin * left,
+                    y: y + sin * ahead + cos * left,
+                    bottom,
+                    top,
+                    outline: round(radius),
+                    side: colour,
+                    cap: colour,
+                });
+            };
+        let stride = person.stride();
+        for (side, ahead) in [(0.11, stride), (-0.11, -stride)] {
+            part([ahead, side], 0.0, 0.09, 0.07, linear([45, 42, 42]));
+            part([0.7 * ahead, side], 0.09, 0.5, 0.065, trousers);
+            part([0.2 * ahead, side], 0.5, 0.9, 0.085, trousers);
+        }
+        part([0.0, 0.0], 0.9, 1.5, 0.2, shirt);
+        part([0.0, 0.0], 1.52, 1.76, 0.1, linear([196, 154, 130]));
+        let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
+        // Parts of a person keep their order, as those of a robot.
+        for primitive in &mut self.list.primitives[first..] {
+            primitive.0 = at.distance();
+        }
+        self.list.shadows.push(Shadow {
+            x: at.x,
+            y: at.y,
+            radius: 0.25,
+            underbody: Underbody::NONE,
         });
     }
 
@@ -294,129 +338,7 @@ impl DrawListBuilder<'_> {
     }
 }
 
-/// The robot's own parts in the view: equal in every image, so they are drawn once.
-pub(super) struct OwnBody {
-    /// Rays that meet it, the visible share of the scene, and the added light.
-    overlay: Vec<(u32, f32, [f32; 3])>,
-}
-
-/// Height of the rods, metres: more than any mirror's.
-const ROD_HEIGHT: f32 = 3.0;
-
-impl OwnBody {
-    pub(super) fn new(body: &BodyConfig, camera_height: f32, rays: &SortedRays) -> Self {
-        let solids = own_solids(body, camera_height);
-        let (tile, light_direction) = (rays.single_tile(), [0.0, 1.0]);
-        let context = DrawContext {
-            rays,
-            tile: &tile,
-            light_direction,
-        };
-        // The difference between drawing over white and over black is the visible share of the scene.
-        let mut over = [0.0, 1.0].map(|level| {
-            let mut light_buffer = LightBuffer::new(rays.count());
-            light_buffer.set_tile(&tile);
-            for plane in light_buffer.planes(&tile.rays) {
-                plane.fill(level);
-            }
-            for solid in &solids {
-                let primitive = Primitive::Solid(*solid);
-                primitive.draw(&primitive.ray_range(rays), &context, &mut light_buffer);
-            }
-            light_buffer
-        });
-        let [black, white] = over
-            .each_mut()
-            .map(|light_buffer| light_buffer.planes(&tile.rays));
-        let overlay = (0..rays.count())
-            .filter_map(|ray| {
-                let left = white[0][ray] - black[0][ray];
-                let adds = [0, 1, 2].map(|colour| black[colour][ray]);
-                (left < 0.999).then_some((ray as u32, left, adds))
-            })
-            .collect();
-        OwnBody { overlay }
-    }
-
-    pub(super) fn draw(&self, tile: &Tile, light_buffer: &mut LightBuffer) {
-        let first = self
-            .overlay
-            .partition_point(|entry| (entry.0 as usize) < tile.rays.start);
-        let inside = |entry: &&(u32, f32, [f32; 3])| (entry.0 as usize) < tile.rays.end;
-        let mut planes = light_buffer.planes(&tile.rays);
-        for (ray, left, adds) in self.overlay[first..].iter().take_while(inside) {
-            let ray = *ray as usize - tile.rays.start;
-            for (plane, adds) in planes.iter_mut().zip(adds) {
-                plane[ray] = plane[ray] * left + adds;
-            }
-        }
-    }
-}
-
-fn own_solids(body: &BodyConfig, camera_height: f32) -> Vec<Solid> {
-    let solid = |x: f32, y: f32, top: f32, outline: Outline, colour: [u8; 3], cap: [u8; 3]| Solid {
-        x,
-        y,
-        bottom: 0.0,
-        top,
-        outline,
-        side: linear(colour),
-        cap: linear(cap),
-    };
-    let square = |half: f32| Outline::Box {
-        half: [half; 2],
-        cos: 1.0,
-        sin: 0.0,
-    };
-    let round = |radius: f32| Outline::Circle { radius };
-    let mut solids = Vec::new();
-    if body.radius > 0.0 && body.height > 0.0 {
-        solids.push(solid(
-            0.0,
-            0.0,
-            body.height,
-            round(body.radius),
-            [30, 30, 33],
-            [52, 53, 58],
-        ));
-    }
-    if body.camera_side > 0.0 {
-        let half = body.camera_side / 2.0;
-        solids.push(solid(
-            0.0,
-            0.0,
-            camera_height,
-            square(half),
-            [70, 70, 74],
-            [120, 118, 122],
-        ));
-        solids.push(solid(
-            0.0,
-            0.0,
-            camera_height + 0.002,
-            round(half * 0.45),
-            [40, 40, 44],
-            [28, 26, 30],
-        ));
-    }
-    if body.rod_radius > 0.0 {
-        for angle_deg in &body.rod_angles_deg {
-            let (sin, cos) = angle_deg.to_radians().sin_cos();
-            let (x, y) = (body.rod_distance * cos, body.rod_distance * sin);
-            solids.push(solid(
-                x,
-                y,
-                ROD_HEIGHT,
-                round(body.rod_radius),
-                [22, 22, 24],
-                [22, 22, 24],
-            ));
-        }
-    }
-    solids
-}
-
 /// Linear colours of an sRGB triple.
-fn linear(colour: [u8; 3]) -> [f32; 3] {
+pub(super) fn linear(colour: [u8; 3]) -> [f32; 3] {
     colour.map(linear_from_srgb)
 }

@@ -9,8 +9,11 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::light_buffer::LightBuffer;
+use super::moving_rays::MovedRays;
 use super::rays::{SortedRays, Tile};
+use super::row_transform::RowTransform;
 use super::solids::{Outline, Solid, edge_coverage};
+use crate::hall::HallConfig;
 use crate::image_sensor::{RUN_PIXELS, linear_from_srgb, srgb_from_linear};
 
 /// Distance between carpet and walls, metres.
@@ -27,13 +30,20 @@ const FIELD_WALL_RGB: [u8; 3] = [206, 208, 205];
 /// Number of objects between carpet and walls.
 const CLUTTER_COUNT: usize = 26;
 
+/// Width of a window, and heights of its lower and upper edge, metres.
+const WINDOW: [f32; 3] = [2.2, 0.9, 3.4];
+/// Its colour, bluish as the sky; the last byte marks it.
+const WINDOW_RGB: [u8; 4] = [235, 245, 255, 1];
+
 /// Hall and clutter, field frame.
 pub(super) struct Environment {
     half: [f32; 2],
-    /// sRGB colours (a fourth byte for alignment): columns along the walls from the corner (+x, −y) counter-clockwise, rows upwards.
+    /// sRGB colours, and 1 where there is a window: columns along the walls from the corner (+x, −y) counter-clockwise, rows upwards.
     wall_texture: Vec<[u8; 4]>,
     columns: usize,
     rows: usize,
+    /// Brightness of walls and of windows.
+    brightness: [f32; 2],
     /// Linear values of sRGB bytes.
     linear_from_srgb: [f32; 256],
     /// Half extent of a field's own walls, and half the width of the goals' mouths in them.
@@ -43,7 +53,7 @@ pub(super) struct Environment {
 }
 
 impl Environment {
-    pub(super) fn new(field: &Field, rng: &mut ChaCha8Rng) -> Self {
+    pub(super) fn new(field: &Field, hall: &HallConfig, rng: &mut ChaCha8Rng) -> Self {
         let (carpet_x, carpet_y) = field.carpet_half_extent();
         let half = [carpet_x + MARGIN, carpet_y + MARGIN];
         let columns = (4.0 * (half[0] + half[1]) / CELL).ceil() as usize;
@@ -53,6 +63,7 @@ impl Environment {
             wall_texture: Vec::new(),
             columns,
             rows,
+            brightness: [1.0, hall.window_light],
             linear_from_srgb: std::array::from_fn(|byte| linear_from_srgb(byte as u8)),
             field_walls: field.config.walls.then_some((
                 [field.config.length / 2.0, field.config.width / 2.0],
@@ -61,6 +72,7 @@ impl Environment {
             clutter: make_clutter([carpet_x, carpet_y], rng),
         };
         environment.paint_walls(rng);
+        environment.paint_windows(hall.windows);
         environment
     }
 
@@ -95,12 +107,26 @@ impl Environment {
         }
     }
 
+    /// Paints windows at equal distances, of the same share of the wall's length each.
+    fn paint_windows(&mut self, count: usize) {
+        let (low, high) = ((WINDOW[1] / CELL) as usize, (WINDOW[2] / CELL) as usize);
+        for window in 0..count {
+            let left = (window * self.columns + self.columns / 3) / count;
+            for row in low..high.min(self.rows) {
+                for column in left..left + (WINDOW[0] / CELL) as usize {
+                    self.wall_texture[row * self.columns + column % self.columns] = WINDOW_RGB;
+                }
+            }
+        }
+    }
+
     /// Draws the walls on every ray that meets them above the floor; branch-free for vectorisation.
     pub(super) fn shade(
         &self,
         pose: Pose,
         rays: &SortedRays,
         tile: &Tile,
+        moved: &MovedRays,
         light_buffer: &mut LightBuffer,
     ) {
         let (sin, cos) = pose.theta.sin_cos();
@@ -115,7 +141,7 @@ impl Environment {
         for bin in rays.bins(tile) {
             let first = first_ray_above_floor(pose, rays, &bin, self.half);
             for run in runs(first..bin.end) {
-                let (ray, count) = (rays.run(&run), run.len().min(RUN_PIXELS));
+                let (ray, count) = (moved.run(rays, &run), run.len().min(RUN_PIXELS));
                 for i in 0..count {
                     let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
                     let (from_x, from_y) =
@@ -145,10 +171,11 @@ impl Environment {
                     cell[i] = floor_to_u32(row) * self.columns as u32 + floor_to_u32(column);
                 }
                 for i in 0..count {
-                    let [red, green, blue, _] = self.wall_texture[cell[i] as usize];
-                    colours[0][i] = self.linear_from_srgb[usize::from(red)];
-                    colours[1][i] = self.linear_from_srgb[usize::from(green)];
-                    colours[2][i] = self.linear_from_srgb[usize::from(blue)];
+                    let [red, green, blue, window] = self.wall_texture[cell[i] as usize];
+                    let bright = self.brightness[usize::from(window & 1)];
+                    colours[0][i] = bright * self.linear_from_srgb[usize::from(red)];
+                    colours[1][i] = bright * self.linear_from_srgb[usize::from(green)];
+                    colours[2][i] = bright * self.linear_from_srgb[usize::from(blue)];
                 }
                 for (plane, colours) in light_buffer.planes(&run).into_iter().zip(&colours) {
                     for ((out, colour), covered) in plane.iter_mut().zip(colours).zip(&covered) {
@@ -158,7 +185,7 @@ impl Environment {
             }
         }
         if let Some((half, mouth)) = self.field_walls {
-            draw_field_walls(pose, half, mouth, (rays, tile), light_buffer);
+            draw_field_walls(pose, half, mouth, (rays, tile, moved), light_buffer);
         }
     }
 }
@@ -168,14 +195,14 @@ fn draw_field_walls(
     pose: Pose,
     [hx, hy]: [f32; 2],
     mouth: f32,
-    (rays, tile): (&SortedRays, &Tile),
+    (rays, tile, moved): (&SortedRays, &Tile, &MovedRays),
     light_buffer: &mut LightBuffer,
 ) {
     let (sin, cos) = pose.theta.sin_cos();
     let white = FIELD_WALL_RGB.map(linear_from_srgb);
     for bin in rays.bins(tile) {
         let run = first_ray_above_floor(pose, rays, &bin, [hx, hy])..bin.end;
-        let ray = rays.run(&run);
+        let ray = moved.run(rays, &run);
         let [red, green, blue] = light_buffer.planes(&run);
         for i in 0..ray.slope.len() {
             let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
@@ -247,9 +274,15 @@ fn first_ray_above_floor(
         })
         .into_iter()
         .fold(f32::MAX, f32::min);
-    // Margin for the width of a bin (0.5°) and origins off the axis.
-    let near = nearest * 0.97 - 2.0 * rays.origin_radius_max;
-    let steepest = -rays.origin_height_max / near.max(0.05);
+    // Margin for the width of a bin (0.5°), origins off the axis, and the motion during the image.
+    let RowTransform {
+        angle_max,
+        shift_max,
+        ..
+    } = rays.transform;
+    let near = nearest * (0.97 - 2.0 * angle_max) - 2.0 * rays.origin_radius_max - shift_max;
+    let level = -rays.origin_height_max / near.max(0.05);
+    let steepest = level - 1.2 * angle_max * (1.0 + level * level);
     bin.start + rays.slope[bin.clone()].partition_point(|&slope| slope < steepest)
 }
 

@@ -5,14 +5,17 @@ use std::ops::Range;
 use localize::field::Field;
 use localize::frames::Pose;
 
+use super::cables::Cable;
 use super::light_buffer::LightBuffer;
-use super::markings::{FOOTPRINT_MIN, MarkingTextures, Texture, index_of};
+use super::markings::{
+    FOOTPRINT_MIN, FULL_MARKING, MarkingTextures, NO_MARKING, Texture, index_of,
+};
+use super::moving_rays::{MovedRays, RANGE_MAX};
 use super::rays::{SortedRays, Tile};
+use crate::hall::HallConfig;
 use crate::image_sensor::{RUN_PIXELS, linear_from_srgb};
 use crate::light::LightConfig;
 
-/// Largest distance of a ground point, metres: beyond any hall.
-const RANGE_MAX: f32 = 60.0;
 /// Most lookups along a stretched footprint.
 const TAPS_MAX: usize = 6;
 /// Most lookups of a run: small, so that many runs lie on bare carpet and are skipped.
@@ -23,20 +26,25 @@ const LIGHT_MARGIN: f32 = 4.0;
 const LIGHT_CELL: f32 = 0.2;
 /// Light is looked up for every fourth ray and interpolated in between: neighbours in a bin are a pixel apart.
 const LIGHT_STRIDE: usize = 4;
+/// Of a run's lookups every eighth is asked for its displacement.
+const SHIFT_STRIDE: usize = 8;
 /// Light of byte 255.
 const LIGHT_MAX: f32 = 2.5;
 /// Width of a strip of carpet, metres, and contrast between strips.
 const STRIP: f32 = 2.0;
 const STRIP_CONTRAST: f32 = 0.025;
 
-/// sRGB of carpet, paint and surrounding floor under white light.
+/// sRGB of carpet and paint under white light.
 const CARPET: [u8; 3] = [72, 130, 88];
 const MARKING_RGB: [u8; 3] = [226, 230, 226];
-const FLOOR: [u8; 3] = [138, 130, 124];
+/// Linear light that a black cable returns.
+const CABLE_LIGHT: f32 = 0.012;
+/// Width and length of a plank of the floor around the carpet, metres.
+const PLANK: [f32; 2] = [0.4, 2.4];
 
 /// The floor under all rays of a table.
 pub(super) struct Ground {
-    /// Ground point of each ray, robot frame; at `RANGE_MAX` if it does not meet the ground.
+    /// Ground point of each ray of the upright robot, robot frame; at `RANGE_MAX` if it does not meet the ground.
     pub(super) x: Vec<f32>,
     pub(super) y: Vec<f32>,
     /// Inverse of each footprint's side, 1/m.
@@ -46,6 +54,8 @@ pub(super) struct Ground {
     light: Texture,
     gloss: Option<Texture>,
     carpet_half: (f32, f32),
+    /// sRGB of the floor around the carpet.
+    floor_rgb: [u8; 3],
 }
 
 /// Lookups in the paint: one per ray, or several along an elongated footprint. They are grouped by tile, texture and
@@ -66,7 +76,7 @@ struct TapRun {
     start: usize,
     count: usize,
     level: usize,
-    /// Weight of each lookup, over 255.
+    /// Weight of each lookup, over `FULL_MARKING`.
     weight: f32,
     bounds: OrientedBox,
 }
@@ -104,18 +114,48 @@ impl OrientedBox {
         }
     }
 
-    /// True if a texture may be nonzero somewhere in the box, for the robot at a pose.
-    fn overlaps_markings(&self, texture: &Texture, pose: Pose, (sin, cos): (f32, f32)) -> bool {
-        let [x, y] = self.centre;
+    /// True if a texture has markings somewhere in the box, for the robot at a pose. The points of the box are displaced
+    /// by `shift` ± `spread`.
+    fn overlaps_markings(
+        &self,
+        texture: &Texture,
+        pose: Pose,
+        (sin, cos): (f32, f32),
+        (shift, spread): ([f32; 2], [f32; 2]),
+    ) -> bool {
+        let [x, y] = [0, 1].map(|k| self.centre[k] + shift[k]);
         let centre = [pose.x + cos * x - sin * y, pose.y + sin * x + cos * y];
         let along_x = (cos * self.axis[0] - sin * self.axis[1]).abs();
         let along_y = (sin * self.axis[0] + cos * self.axis[1]).abs();
+        let spread = spread[0].hypot(spread[1]);
         let half = [
-            self.half[0] * along_x + self.half[1] * along_y,
-            self.half[0] * along_y + self.half[1] * along_x,
+            self.half[0] * along_x + self.half[1] * along_y + spread,
+            self.half[0] * along_y + self.half[1] * along_x + spread,
         ];
-        texture.any_nonzero_within(centre, half)
+        texture.any_marking_within(centre, half)
     }
+}
+
+/// Middle and half range of the displacements of some of a run's rays; the others lie between them, or little outside.
+fn shift_range(rays: &[u32], [shift_x, shift_y]: [&[f32]; 2]) -> ([f32; 2], [f32; 2]) {
+    let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);
+    let mut extend = |ray: u32| {
+        let at = [shift_x[ray as usize], shift_y[ray as usize]];
+        for k in 0..2 {
+            least[k] = least[k].min(at[k]);
+            most[k] = most[k].max(at[k]);
+        }
+    };
+    let mut number = 0;
+    while number < rays.len() {
+        extend(rays[number]);
+        number += SHIFT_STRIDE;
+    }
+    extend(rays[rays.len() - 1]);
+    (
+        [0, 1].map(|k| (least[k] + most[k]) / 2.0),
+        [0, 1].map(|k| 0.75 * (most[k] - least[k]) + 0.01),
+    )
 }
 
 /// Short and long side of a footprint, metres, and the direction of the long one, robot frame.
@@ -136,7 +176,12 @@ impl Footprint {
 }
 
 impl Ground {
-    pub(super) fn new(rays: &SortedRays, field: &Field, light: &LightConfig) -> Self {
+    pub(super) fn new(
+        rays: &SortedRays,
+        field: &Field,
+        light: &LightConfig,
+        (hall, cables): (&HallConfig, &[Cable]),
+    ) -> Self {
         let count = rays.count();
         let footprints: Vec<Footprint> = (0..count).map(|ray| footprint(rays, ray)).collect();
         // The finest texture suits most of the image, not the few rays next to the robot.
@@ -145,12 +190,20 @@ impl Ground {
             0 => 1.0,
             quarter => *short.select_nth_unstable_by(quarter, f32::total_cmp).1,
         };
-        let paint = MarkingTextures::new(field, finest);
+        let paint = MarkingTextures::new(field, cables, finest);
         let (half_x, half_y) = field.carpet_half_extent();
         let byte = |value: f32| (value / LIGHT_MAX * 255.0).round().clamp(0.0, 255.0) as u8;
         let (light_x, light_y) = (half_x + LIGHT_MARGIN, half_y + LIGHT_MARGIN);
+        // The field's own walls, if any, hide what is beyond the carpet.
+        let albedo = |x: f32, y: f32| {
+            if x.abs() < half_x && y.abs() < half_y {
+                carpet_albedo(x, y)
+            } else {
+                plank_albedo(x, y, hall.plank_contrast)
+            }
+        };
         let lit = Texture::new(light_x, light_y, LIGHT_CELL, |x, y| {
-            byte(light.spot_light_at(x, y).0 * carpet_albedo(x, y))
+            byte(light.spot_light_at(x, y).0 * albedo(x, y))
         });
         let glossy = light.spots.iter().any(|spot| spot.gloss > 0.0);
         let gloss = glossy.then(|| {
@@ -183,6 +236,7 @@ impl Ground {
             light: lit,
             gloss,
             carpet_half: (half_x, half_y),
+            floor_rgb: hall.floor_rgb,
         }
     }
 
@@ -192,6 +246,7 @@ impl Ground {
         pose: Pose,
         index: usize,
         tile: &Tile,
+        moved: &MovedRays,
         scratch: &mut Scratch,
         light_buffer: &mut LightBuffer,
     ) {
@@ -199,22 +254,29 @@ impl Ground {
         let mut white = std::mem::take(&mut scratch.marking_coverage);
         white.clear();
         white.resize(tile.rays.len(), 0.0);
+        let shift = moved.shift();
         for run in &self.taps.tiles[index] {
+            let taps = run.start..run.start + run.count;
+            let rays = &self.taps.ray[taps.clone()];
             // Skips bare carpet, which is most of a field.
             let texture = &self.markings.levels[run.level];
-            if !run.bounds.overlaps_markings(texture, pose, sin_cos) {
+            let displaced = shift_range(rays, shift);
+            if !run
+                .bounds
+                .overlaps_markings(texture, pose, sin_cos, displaced)
+            {
                 continue;
             }
-            let taps = run.start..run.start + run.count;
-            scratch.transform_to_field(
+            scratch.transform_displaced(
                 pose,
                 sin_cos,
-                &self.taps.x[taps.clone()],
-                &self.taps.y[taps.clone()],
+                [&self.taps.x[taps.clone()], &self.taps.y[taps]],
+                rays,
+                shift,
             );
             scratch.sample_texture(texture);
-            for (ray, value) in self.taps.ray[taps].iter().zip(&scratch.values) {
-                white[*ray as usize] += run.weight * value;
+            for (ray, value) in rays.iter().zip(&scratch.values) {
+                white[*ray as usize] += run.weight * (value - f32::from(NO_MARKING));
             }
         }
         for (start, white) in tile
@@ -223,14 +285,9 @@ impl Ground {
             .step_by(RUN_PIXELS)
             .zip(white.chunks(RUN_PIXELS))
         {
-            self.compose(
-                pose,
-                sin_cos,
-                start..start + white.len(),
-                white,
-                scratch,
-                light_buffer,
-            );
+            let run = start..start + white.len();
+            let ground = moved.ground(&run);
+            self.compose(pose, sin_cos, (run, ground), white, scratch, light_buffer);
         }
         scratch.marking_coverage = white;
     }
@@ -240,7 +297,7 @@ impl Ground {
         &self,
         pose: Pose,
         sin_cos: (f32, f32),
-        rays: Range<usize>,
+        (rays, [ground_x, ground_y]): (Range<usize>, [&[f32]; 2]),
         white: &[f32],
         scratch: &mut Scratch,
         light_buffer: &mut LightBuffer,
@@ -248,7 +305,7 @@ impl Ground {
         let count = rays.len().min(RUN_PIXELS);
         let (mut lit, mut gloss, mut inside) =
             ([0.0; RUN_PIXELS], [0.0; RUN_PIXELS], [0.0; RUN_PIXELS]);
-        scratch.transform_strided(pose, sin_cos, &self.x[rays.clone()], &self.y[rays.clone()]);
+        scratch.transform_strided(pose, sin_cos, ground_x, ground_y);
         scratch.sample_texture(&self.light);
         interpolate_strided(&scratch.values, &mut lit);
         if let Some(texture) = &self.gloss {
@@ -256,8 +313,7 @@ impl Ground {
             interpolate_strided(&scratch.values, &mut gloss);
         }
         let (half_x, half_y) = self.carpet_half;
-        let Scratch { x, y, .. } =
-            scratch.transform_to_field(pose, sin_cos, &self.x[rays.clone()], &self.y[rays.clone()]);
+        let Scratch { x, y, .. } = scratch.transform_to_field(pose, sin_cos, ground_x, ground_y);
         let sharpness = &self.sharpness[rays.clone()][..count];
         for i in 0..count {
             let inside_x = ((half_x - x[i].abs()) * sharpness[i] + 0.5).clamp(0.0, 1.0);
@@ -268,16 +324,19 @@ impl Ground {
         for (plane, ((carpet, paint), floor)) in light_buffer
             .planes(&rays)
             .into_iter()
-            .zip(CARPET.into_iter().zip(MARKING_RGB).zip(FLOOR))
+            .zip(CARPET.into_iter().zip(MARKING_RGB).zip(self.floor_rgb))
         {
             let (carpet, paint, floor) = (
                 linear_from_srgb(carpet),
                 linear_from_srgb(paint),
                 linear_from_srgb(floor),
             );
+            let cable = CABLE_LIGHT;
             let out = &mut plane[..count];
             for i in 0..count {
-                let on_carpet = carpet + white[i] * (paint - carpet);
+                // Negative coverage is a cable's.
+                let painted = white[i].max(0.0) * (paint - carpet);
+                let on_carpet = carpet + painted + white[i].min(0.0) * (carpet - cable);
                 let albedo = floor + inside[i] * (on_carpet - floor);
                 out[i] = (LIGHT_MAX / 255.0) * (lit[i] * albedo + gloss[i]);
             }
@@ -317,7 +376,12 @@ impl Taps {
                 } = footprints[ray];
                 for tap in 0..count {
                     let along = ((tap as f32 + 0.5) / count as f32 - 0.5) * long;
-                    append_tap(&mut runs, taps.x.len(), level, 1.0 / (255.0 * count as f32));
+                    append_tap(
+                        &mut runs,
+                        taps.x.len(),
+                        level,
+                        1.0 / (FULL_MARKING * count as f32),
+                    );
                     taps.x.push(x[ray] + along * towards.0);
                     taps.y.push(y[ray] + along * towards.1);
                     taps.ray.push((ray - tile.rays.start) as u32);
@@ -408,6 +472,27 @@ impl Scratch {
         self
     }
 
+    /// As `transform_to_field`, for points that are displaced as their rays' ground points.
+    fn transform_displaced(
+        &mut self,
+        pose: Pose,
+        (sin, cos): (f32, f32),
+        [x, y]: [&[f32]; 2],
+        rays: &[u32],
+        [shift_x, shift_y]: [&[f32]; 2],
+    ) {
+        self.count = rays.len().min(RUN_PIXELS);
+        let count = self.count;
+        let (x, y, rays) = (&x[..count], &y[..count], &rays[..count]);
+        let (out_x, out_y) = (&mut self.x[..count], &mut self.y[..count]);
+        for i in 0..count {
+            let ray = rays[i] as usize;
+            let (x, y) = (x[i] + shift_x[ray], y[i] + shift_y[ray]);
+            out_x[i] = pose.x + cos * x - sin * y;
+            out_y[i] = pose.y + sin * x + cos * y;
+        }
+    }
+
     /// As `transform_to_field`, for every `LIGHT_STRIDE`th point and one beyond the last.
     fn transform_strided(&mut self, pose: Pose, sin_cos: (f32, f32), x: &[f32], y: &[f32]) {
         let last = x.len().min(y.len()).min(RUN_PIXELS) - 1;
@@ -483,6 +568,15 @@ fn footprint(rays: &SortedRays, ray: usize) -> Footprint {
             direction: (-towards_y, towards_x),
         }
     }
+}
+
+/// Relative brightness of a wooden floor, plank by plank.
+fn plank_albedo(x: f32, y: f32, contrast: f32) -> f32 {
+    let row = (y / PLANK[0]).floor();
+    // Planks of neighbouring rows are staggered.
+    let column = (x / PLANK[1] + 0.37 * row).floor();
+    let hash = (row * 12.9898 + column * 78.233).sin() * 43_758.547;
+    1.0 + contrast * (2.0 * (hash - hash.floor()) - 1.0)
 }
 
 /// Relative brightness of the carpet: strips and slow variations.

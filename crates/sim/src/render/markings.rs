@@ -3,6 +3,8 @@
 use localize::field::{Field, Marking};
 use localize::frames::At;
 
+use super::cables::Cable;
+
 /// Ratio of footprints between two levels.
 const LEVEL_STEP: f32 = std::f32::consts::SQRT_2;
 /// Smallest footprint with a texture, metres: lines are five times as wide.
@@ -10,14 +12,22 @@ pub(super) const FOOTPRINT_MIN: f32 = 0.02;
 /// Largest footprint with a texture, metres: beyond it a line is hardly visible.
 const FOOTPRINT_MAX: f32 = 1.0;
 
+/// Byte of a bare carpet; more is white paint, up to `FULL_MARKING` more, and less is a cable.
+pub(super) const NO_MARKING: u8 = 128;
+/// Steps of full coverage.
+pub(super) const FULL_MARKING: f32 = 127.0;
+
 /// Cell size over the texture's footprint: bilinear interpolation then blurs no more than the footprint.
 const CELL_PER_FOOTPRINT: f32 = 0.7;
 
-/// Coverage by white paint, averaged over square footprints of increasing size.
+/// Coverage by white paint or black cables, averaged over square footprints of increasing size.
 pub(super) struct MarkingTextures {
     pub(super) levels: Vec<Texture>,
     footprint_min: f32,
 }
+
+/// A cell without marking.
+const BARE: u32 = u32::from_le_bytes([NO_MARKING; 4]);
 
 /// A grid of bytes over the field; each entry holds the bytes of its cell's four corners, so that one load suffices.
 pub(super) struct Texture {
@@ -30,8 +40,8 @@ pub(super) struct Texture {
     pub(super) rows: usize,
     /// Corner (0,0) in the lowest byte, then (1,0), (0,1), (1,1); `index_of` is the order of the cells.
     pub(super) cells: Vec<u32>,
-    /// Summed-area table of the 4 × 4 blocks that have a nonzero cell.
-    nonzero_blocks: Vec<u32>,
+    /// Summed-area table of the 4 × 4 blocks that have a cell with a marking.
+    marked_blocks: Vec<u32>,
 }
 
 impl Texture {
@@ -46,7 +56,7 @@ impl Texture {
             columns,
             rows,
             cells: Vec::new(),
-            nonzero_blocks: Vec::new(),
+            marked_blocks: Vec::new(),
         };
         let grid: Vec<u8> = (0..rows * columns)
             .map(|index| {
@@ -60,7 +70,7 @@ impl Texture {
 
     fn pack(&mut self, grid: &[u8]) {
         let (columns, rows, blocks) = (self.columns, self.rows, self.blocks());
-        self.cells = vec![0; columns.next_multiple_of(4) * rows.next_multiple_of(4)];
+        self.cells = vec![BARE; columns.next_multiple_of(4) * rows.next_multiple_of(4)];
         for row in 0..rows {
             for column in 0..columns {
                 let index = row * columns + column;
@@ -76,23 +86,23 @@ impl Texture {
                     u32::from_le_bytes(corners);
             }
         }
-        self.sum_nonzero_blocks();
+        self.sum_marked_blocks();
     }
 
-    fn sum_nonzero_blocks(&mut self) {
+    fn sum_marked_blocks(&mut self) {
         let stride = self.blocks() as usize + 1;
-        self.nonzero_blocks = vec![0; stride * (self.rows.div_ceil(4) + 1)];
+        self.marked_blocks = vec![0; stride * (self.rows.div_ceil(4) + 1)];
         for (index, block) in self.cells.chunks_exact(16).enumerate() {
             let (column, row) = (index % (stride - 1), index / (stride - 1));
             let corner = row * stride + column;
-            let left = self.nonzero_blocks[corner + stride] + self.nonzero_blocks[corner + 1];
-            self.nonzero_blocks[corner + stride + 1] =
-                left - self.nonzero_blocks[corner] + u32::from(block.iter().any(|&cell| cell != 0));
+            let left = self.marked_blocks[corner + stride] + self.marked_blocks[corner + 1];
+            self.marked_blocks[corner + stride + 1] = left - self.marked_blocks[corner]
+                + u32::from(block.iter().any(|&cell| cell != BARE));
         }
     }
 
-    /// True if a lookup within ± half of a point of the field may be nonzero.
-    pub(super) fn any_nonzero_within(&self, centre: [f32; 2], half: [f32; 2]) -> bool {
+    /// True if a lookup within ± half of a point of the field may meet a marking.
+    pub(super) fn any_marking_within(&self, centre: [f32; 2], half: [f32; 2]) -> bool {
         let stride = self.blocks() as usize + 1;
         // A cell of margin, since lookups round.
         let block = |metres: f32, spare: f32, most: usize| {
@@ -103,8 +113,8 @@ impl Texture {
         let right = block(x + half[0], 1.0, self.columns) + 1;
         let bottom = block(y - half[1], -1.0, self.rows) * stride;
         let top = (block(y + half[1], 1.0, self.rows) + 1) * stride;
-        let below = self.nonzero_blocks[bottom + right] - self.nonzero_blocks[bottom + left];
-        self.nonzero_blocks[top + right] - self.nonzero_blocks[top + left] > below
+        let below = self.marked_blocks[bottom + right] - self.marked_blocks[bottom + left];
+        self.marked_blocks[top + right] - self.marked_blocks[top + left] > below
     }
 
     /// Number of blocks of four columns in a row.
@@ -129,13 +139,13 @@ pub(super) fn index_of(column: u32, row: u32, blocks: u32) -> u32 {
 }
 
 impl MarkingTextures {
-    /// Textures of the markings for footprints from `finest` (metres) upwards.
-    pub(super) fn new(field: &Field, finest: f32) -> Self {
+    /// Textures of markings and cables for footprints from `finest` (metres) upwards.
+    pub(super) fn new(field: &Field, cables: &[Cable], finest: f32) -> Self {
         let finest = finest.clamp(FOOTPRINT_MIN, FOOTPRINT_MAX / 2.0);
         let mut levels = Vec::new();
         let mut width = finest;
         while width < FOOTPRINT_MAX {
-            levels.push(level(field, width));
+            levels.push(level(field, cables, width));
             width *= LEVEL_STEP;
         }
         MarkingTextures {
@@ -151,23 +161,53 @@ impl MarkingTextures {
     }
 }
 
-fn level(field: &Field, width: f32) -> Texture {
-    // Markings end within the carpet; the border of zeros extends to everything outside.
+fn level(field: &Field, cables: &[Cable], width: f32) -> Texture {
+    // Markings end within the carpet; the bare border extends to everything outside.
     let (half_x, half_y) = field.carpet_half_extent();
     let (half_x, half_y) = (half_x + 2.0 * width, half_y + 2.0 * width);
     let cell = width * CELL_PER_FOOTPRINT;
-    let mut texture = Texture::new(half_x, half_y, cell, |_, _| 0);
-    let mut grid = vec![0u8; texture.columns * texture.rows];
+    let mut texture = Texture::new(half_x, half_y, cell, |_, _| NO_MARKING);
+    let mut grid = vec![NO_MARKING; texture.columns * texture.rows];
     for marking in painted_markings(field) {
-        rasterise(&mut grid, &texture, field, &marking, width);
+        let half = field.config.line_width / 2.0;
+        rasterise(
+            &mut grid,
+            &texture,
+            &marking,
+            half,
+            width,
+            |byte, covered| {
+                // Where markings overlap, the larger coverage counts.
+                let white = (f32::from(NO_MARKING) + FULL_MARKING * covered).round() as u8;
+                *byte = (*byte).max(white);
+            },
+        );
+    }
+    for cable in cables {
+        for segment in cable.segments() {
+            let half = cable.width / 2.0;
+            rasterise(
+                &mut grid,
+                &texture,
+                &segment,
+                half,
+                width,
+                |byte, covered| {
+                    // A cable lies on the paint.
+                    let under = f32::from(*byte) - f32::from(NO_MARKING);
+                    let over = under.max(0.0) * (1.0 - covered) - FULL_MARKING * covered;
+                    *byte = (f32::from(NO_MARKING) + over.min(under)).round() as u8;
+                },
+            );
+        }
     }
     for column in 0..texture.columns {
-        grid[column] = 0;
-        grid[(texture.rows - 1) * texture.columns + column] = 0;
+        grid[column] = NO_MARKING;
+        grid[(texture.rows - 1) * texture.columns + column] = NO_MARKING;
     }
     for row in 0..texture.rows {
-        grid[row * texture.columns] = 0;
-        grid[(row + 1) * texture.columns - 1] = 0;
+        grid[row * texture.columns] = NO_MARKING;
+        grid[(row + 1) * texture.columns - 1] = NO_MARKING;
     }
     texture.pack(&grid);
     texture
@@ -192,9 +232,15 @@ fn painted_markings(field: &Field) -> Vec<Marking> {
     field.markings.iter().filter_map(paint).collect()
 }
 
-/// Adds a marking to the grid; where markings overlap, the larger coverage counts.
-fn rasterise(grid: &mut [u8], texture: &Texture, field: &Field, marking: &Marking, width: f32) {
-    let half_line = field.config.line_width / 2.0;
+/// Adds the coverage of a footprint by a marking to each byte of the grid around it.
+fn rasterise(
+    grid: &mut [u8],
+    texture: &Texture,
+    marking: &Marking,
+    half_line: f32,
+    width: f32,
+    add: impl Fn(&mut u8, f32),
+) {
     let (x0, y0, x1, y1) = bounds(marking);
     let margin = half_line + width;
     let cell = |metres: f32, origin: f32, most: usize| {
@@ -207,9 +253,10 @@ fn rasterise(grid: &mut [u8], texture: &Texture, field: &Field, marking: &Markin
     for row in rows {
         for column in columns.clone() {
             let (x, y) = texture.point(column, row);
-            let white = (coverage(marking, half_line, x, y, width) * 255.0).round() as u8;
-            let index = row * texture.columns + column;
-            grid[index] = grid[index].max(white);
+            let covered = coverage(marking, half_line, x, y, width);
+            if covered > 0.0 {
+                add(&mut grid[row * texture.columns + column], covered);
+            }
         }
     }
 }

@@ -1,11 +1,17 @@
 //! What does the camera see? Traces every pixel's ray through the mirror, as it is really mounted, into the scene.
 
+mod cables;
 mod draw_list;
 mod environment;
 mod ground;
 mod light_buffer;
 mod markings;
+mod motion_blur;
+mod moving_rays;
+mod own_body;
 mod rays;
+mod row_transform;
+mod scatter;
 mod scene;
 mod solids;
 
@@ -17,15 +23,26 @@ use rand_chacha::ChaCha8Rng;
 use vision::optics::ray_tracing::{OpticsError, trace_rays};
 use vision::{Mount, Profile};
 
+pub use row_transform::CameraMotion;
+pub(crate) use row_transform::level_from_body;
 pub use scene::Scene;
 
-use crate::image_sensor::{FilmConfig, ImageSensor, Pcg, RUN_PIXELS, Rgbx};
+use crate::hall::HallConfig;
+use crate::image_sensor::{
+    FilmConfig, ImageSensor, JpegCompression, Pcg, Raw, SiteGains, TONES, demosaic_row,
+    site_colours,
+};
 use crate::light::LightConfig;
-use draw_list::{DrawList, OwnBody};
+use draw_list::DrawList;
 use environment::Environment;
 use ground::{Ground, Scratch};
 use light_buffer::LightBuffer;
-use rays::{SortedRays, Tile};
+use motion_blur::{LightPixel, MotionBlur};
+use moving_rays::MovedRays;
+use own_body::OwnBody;
+use rays::SortedRays;
+use row_transform::RowTransform;
+use scatter::Scatter;
 
 /// Everything that is constant: optics, field, environment, and light on the floor.
 #[derive(Debug, Clone, Copy)]
@@ -42,8 +59,10 @@ pub struct RendererConfig<'a> {
     pub field: &'a Field,
     /// Light on the field.
     pub light: &'a LightConfig,
-    /// Blur of the optics, pixels.
-    pub blur_px: f32,
+    /// Floor, windows and cables.
+    pub hall: &'a HallConfig,
+    /// The camera; its blur and defocus are those of all images.
+    pub film: &'a FilmConfig,
     /// Seed of environment, clutter and noise.
     pub seed: u64,
 }
@@ -59,61 +78,64 @@ pub struct Renderer {
     ground: Ground,
     environment: Environment,
     own: OwnBody,
+    motion_blur: MotionBlur,
     floor_light: LightConfig,
     field: localize::field::FieldConfig,
-    /// Vignetting of each ray: squared distance from the image's centre over that of its corners.
-    falloff: Vec<f32>,
-    image_sensor: ImageSensor,
-    pcg: Pcg,
     light_buffer: LightBuffer,
-    /// Pixels of one tile in the order of its rays.
-    tile_pixels: Vec<Rgbx>,
+    moved: MovedRays,
     scratch: Scratch,
+    /// Linear light of one tile, one plane per colour.
+    tile_tones: [Vec<u16>; 3],
+    /// Linear light of the scene, and smeared by motion.
+    sharp: Vec<LightPixel>,
+    blurred: Vec<LightPixel>,
+    development: Development,
 }
 
 impl Renderer {
     /// Traces the rays and prepares the static scene.
     pub fn new(config: &RendererConfig) -> Result<Self, OpticsError> {
         let camera = config.camera;
+        let (width_px, height_px) = (camera.width_px, camera.height_px);
         let table = trace_rays(camera, config.profile, &config.mount)?;
-        let rays = SortedRays::new(&table, config.blur_px);
+        let [centre_u, centre_v] = camera.centre_px;
+        let rim = camera
+            .outer_radius_px
+            .unwrap_or(width_px.min(height_px) as f32 / 2.0);
+        let rays = SortedRays::new(&table, |pixel| {
+            let (column, row) = ((pixel % width_px) as f32, (pixel / width_px) as f32);
+            let radius = (column - centre_u).hypot(row - centre_v);
+            config.film.blur_at(radius / rim)
+        });
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         rng.set_stream(1);
-        let environment = Environment::new(config.field, &mut rng);
-        let ground = Ground::new(&rays, config.field, config.light);
-        let corner2 =
-            (camera.width_px as f32 / 2.0).powi(2) + (camera.height_px as f32 / 2.0).powi(2);
-        let falloff = rays
-            .pixel
-            .iter()
-            .map(|&pixel| {
-                let column = pixel as usize % camera.width_px;
-                let row = pixel as usize / camera.width_px;
-                let (du, dv) = (
-                    column as f32 - camera.width_px as f32 / 2.0,
-                    row as f32 - camera.height_px as f32 / 2.0,
-                );
-                (du * du + dv * dv) / corner2
-            })
-            .collect();
-        let image_sensor = ImageSensor::new(&mut rng);
+        let environment = Environment::new(config.field, config.hall, &mut rng);
+        let (half_x, half_y) = config.field.carpet_half_extent();
+        let mut cable_rng = ChaCha8Rng::seed_from_u64(config.seed);
+        cable_rng.set_stream(4);
+        let cables = cables::lay_cables(config.hall, [half_x, half_y], &mut cable_rng);
+        let ground = Ground::new(&rays, config.field, config.light, (config.hall, &cables));
         let tile_sizes = rays.tiles.iter().map(|tile| tile.rays.len());
         let rays_max = tile_sizes.max().unwrap_or(0);
+        // Nothing else writes the pixels outside the mirror.
+        let [red, green, blue] = HOOD.map(tones);
         Ok(Renderer {
-            width_px: camera.width_px,
-            height_px: camera.height_px,
+            width_px,
+            height_px,
             own: OwnBody::new(config.body, camera.height.unwrap_or(0.0), &rays),
+            motion_blur: MotionBlur::new(&table),
             floor_light: config.light.clone(),
             field: config.field.config.clone(),
             light_buffer: LightBuffer::new(rays_max),
-            tile_pixels: vec![[0; 4]; rays_max],
+            moved: MovedRays::new(rays_max),
             scratch: Scratch::new(),
-            pcg: Pcg::new(&mut rng),
+            tile_tones: [0; 3].map(|_| vec![0; rays_max]),
+            sharp: vec![[red, green, blue, 0]; width_px * height_px],
+            blurred: Vec::new(),
+            development: Development::new(width_px, height_px, &mut rng),
             rays,
             ground,
             environment,
-            falloff,
-            image_sensor,
         })
     }
 
@@ -126,6 +148,30 @@ impl Renderer {
     pub fn render(&mut self, scene: &Scene, film: &FilmConfig, rgb: &mut Vec<u8>) {
         rgb.resize(3 * self.width_px * self.height_px, 0);
         let (pixels, _) = rgb.as_chunks_mut::<3>();
+        self.draw_scene(scene);
+        let smeared = self
+            .motion_blur
+            .apply(&scene.motion, &self.sharp, &mut self.blurred);
+        let image = if smeared {
+            // The rim moves with the camera: nothing smears over it.
+            for &pixel in &self.rays.blank {
+                self.blurred[pixel as usize] = self.sharp[pixel as usize];
+            }
+            &mut self.blurred
+        } else {
+            &mut self.sharp
+        };
+        self.own.draw(image);
+        for &(middle, width) in scene.occlusions {
+            draw_occlusion(middle, width, &self.rays, image);
+        }
+        self.development
+            .develop(film, scene.light_colour, image, pixels);
+    }
+
+    /// The linear light of each pixel.
+    fn draw_scene(&mut self, scene: &Scene) {
+        self.rays.transform = RowTransform::new(&scene.motion, self.rays.origin_height_max);
         let draw_list = DrawList::new(
             scene,
             &self.field,
@@ -135,68 +181,211 @@ impl Renderer {
         );
         let Renderer {
             rays,
+            ground,
             light_buffer,
+            moved,
             scratch,
             ..
         } = self;
         for (index, tile) in rays.tiles.iter().enumerate() {
             light_buffer.set_tile(tile);
-            self.ground
-                .shade(scene.pose, index, tile, scratch, light_buffer);
-            self.environment.shade(scene.pose, rays, tile, light_buffer);
-            draw_list.draw(rays, tile, &self.ground, light_buffer);
-            self.own.draw(tile, light_buffer);
-            for &(middle, width) in scene.occlusions {
-                draw_occlusion(middle, width, rays, tile, light_buffer);
-            }
-            let mut tones = [[0; RUN_PIXELS]; 3];
-            let mut scale = [0f32; RUN_PIXELS];
-            for start in tile.rays.clone().step_by(RUN_PIXELS) {
-                let run = start..(start + RUN_PIXELS).min(tile.rays.end);
-                for (scale, falloff) in scale.iter_mut().zip(&self.falloff[run.clone()]) {
-                    *scale = 1.0 - film.vignetting * falloff;
+            moved.set_tile(rays, tile, &rays.transform, [&ground.x, &ground.y]);
+            ground.shade(scene.pose, index, tile, moved, scratch, light_buffer);
+            self.environment
+                .shade(scene.pose, rays, tile, moved, light_buffer);
+            draw_list.draw(rays, tile, moved, light_buffer);
+            let planes = light_buffer.planes(&tile.rays);
+            for (tile_tones, plane) in self.tile_tones.iter_mut().zip(planes) {
+                for (tone, light) in tile_tones.iter_mut().zip(plane.iter()) {
+                    *tone = tones(*light);
                 }
-                let light = light_buffer.planes(&run).map(|plane| &*plane);
-                self.image_sensor.expose(
-                    film,
-                    light,
-                    scene.light_colour,
-                    &scale[..run.len()],
-                    &mut self.pcg,
-                    &mut tones,
-                );
-                let first = start - tile.rays.start;
-                self.image_sensor
-                    .tone_map(&tones, &mut self.tile_pixels[first..first + run.len()]);
             }
+            let [red, green, blue] = self.tile_tones.each_ref().map(|plane| &plane[..]);
             // In the order of the image, so that writes are sequential.
             for &(pixel, ray) in &tile.by_pixel {
-                let [red, green, blue, _] = self.tile_pixels[ray as usize];
-                pixels[pixel as usize] = [red, green, blue];
+                let ray = ray as usize;
+                self.sharp[pixel as usize] = [red[ray], green[ray], blue[ray], 0];
             }
         }
-        // The pixels outside the mirror are dark, with sensor noise.
-        let dark = (HOOD, scene.light_colour, 1.0 - film.vignetting);
-        self.image_sensor
-            .fill_dark(film, dark, &mut self.pcg, &rays.blank, pixels);
+    }
+}
+
+/// Linear light as a fixed-point number.
+#[inline(always)]
+fn tones(light: f32) -> u16 {
+    // Adding 2²³ leaves the rounded value in the lowest bits, without the NaN check of a cast.
+    ((light * TONES as f32).clamp(0.0, 65_535.0) + 8_388_608.0).to_bits() as u16
+}
+
+/// From light to bytes: scattering, exposure, mosaic, tone curve, compression.
+struct Development {
+    width_px: usize,
+    scatter: Scatter,
+    image_sensor: ImageSensor,
+    pcg: Pcg,
+    raw: Raw,
+    /// All bits set in even columns, none in odd ones.
+    even: Vec<u16>,
+    /// Squared distance from the image's centre over that of its corners, by columns and by rows.
+    falloff: [Vec<f32>; 2],
+    light_row: Vec<f32>,
+    scale_row: Vec<f32>,
+    tone_rows: [Vec<u16>; 3],
+    jpeg: Option<JpegCompression>,
+}
+
+impl Development {
+    fn new(width_px: usize, height_px: usize, rng: &mut ChaCha8Rng) -> Self {
+        let (middle_u, middle_v) = (width_px as f32 / 2.0, height_px as f32 / 2.0);
+        let corner2 = middle_u * middle_u + middle_v * middle_v;
+        let falloff = |count: usize, middle: f32| {
+            (0..count)
+                .map(|pixel| (pixel as f32 - middle).powi(2) / corner2)
+                .collect()
+        };
+        Development {
+            width_px,
+            scatter: Scatter::default(),
+            image_sensor: ImageSensor::new(width_px, rng),
+            pcg: Pcg::new(rng),
+            raw: Raw::new(width_px, height_px),
+            even: (0..width_px)
+                .map(|column| if column % 2 == 0 { u16::MAX } else { 0 })
+                .collect(),
+            falloff: [falloff(width_px, middle_u), falloff(height_px, middle_v)],
+            light_row: vec![0.0; width_px],
+            scale_row: vec![0.0; width_px],
+            tone_rows: [0; 3].map(|_| vec![0; width_px]),
+            jpeg: None,
+        }
+    }
+
+    fn develop(
+        &mut self,
+        film: &FilmConfig,
+        light_colour: [f32; 3],
+        image: &[LightPixel],
+        pixels: &mut [[u8; 3]],
+    ) {
+        let scattered = film.bloom + film.glare > 0.0;
+        if scattered {
+            self.scatter.update(image, self.width_px, film);
+        }
+        let width_px = self.width_px;
+        if film.bayer {
+            let gains =
+                [0, 1].map(|row| SiteGains::new(film, light_colour, site_colours(row), width_px));
+            for (row, light) in image.chunks(width_px).enumerate() {
+                self.set_scale(film, row);
+                self.set_light(film, scattered, row, light, site_colours(row));
+                self.image_sensor.expose_row(
+                    film.haze,
+                    &gains[row % 2],
+                    &self.light_row,
+                    &self.scale_row,
+                    &mut self.pcg,
+                    self.raw.row_mut(row),
+                );
+            }
+            self.raw.fill_border();
+            for (row, pixels) in pixels.chunks_mut(width_px).enumerate() {
+                let planes = self.tone_rows.each_mut().map(|plane| &mut plane[..]);
+                demosaic_row(row, self.raw.neighbourhood(row), &self.even, planes);
+                let tones = self.tone_rows.each_ref().map(|plane| &plane[..]);
+                self.image_sensor.tone_map(tones, pixels);
+            }
+        } else {
+            let gains =
+                [0, 1, 2].map(|colour| SiteGains::new(film, light_colour, [colour; 2], width_px));
+            let rows = image.chunks(width_px).zip(pixels.chunks_mut(width_px));
+            for (row, (light, pixels)) in rows.enumerate() {
+                self.set_scale(film, row);
+                for (colour, gains) in gains.iter().enumerate() {
+                    self.set_light(film, scattered, row, light, [colour; 2]);
+                    self.image_sensor.expose_row(
+                        film.haze,
+                        gains,
+                        &self.light_row,
+                        &self.scale_row,
+                        &mut self.pcg,
+                        &mut self.tone_rows[colour],
+                    );
+                }
+                let tones = self.tone_rows.each_ref().map(|plane| &plane[..]);
+                self.image_sensor.tone_map(tones, pixels);
+            }
+        }
+        self.compress(film.jpeg_quality, pixels);
+    }
+
+    /// Vignetting of a row.
+    fn set_scale(&mut self, film: &FilmConfig, row: usize) {
+        let [columns, rows] = &self.falloff;
+        for (scale, column) in self.scale_row.iter_mut().zip(columns) {
+            *scale = 1.0 - film.vignetting * (column + rows[row]);
+        }
+    }
+
+    /// Light on a row of pixels that measure `colours` in even and odd columns.
+    fn set_light(
+        &mut self,
+        film: &FilmConfig,
+        scattered: bool,
+        row: usize,
+        light: &[LightPixel],
+        [even, odd]: [usize; 2],
+    ) {
+        let direct = 1.0 - film.bloom - film.glare;
+        match (even, odd) {
+            (0, 1) => extract_colours::<0, 1>(light, direct, &mut self.light_row),
+            (1, 2) => extract_colours::<1, 2>(light, direct, &mut self.light_row),
+            (0, _) => extract_colours::<0, 0>(light, direct, &mut self.light_row),
+            (1, _) => extract_colours::<1, 1>(light, direct, &mut self.light_row),
+            _ => extract_colours::<2, 2>(light, direct, &mut self.light_row),
+        }
+        if scattered {
+            self.scatter.add_to(row, [even, odd], &mut self.light_row);
+        }
+    }
+
+    fn compress(&mut self, quality: u8, pixels: &mut [[u8; 3]]) {
+        if quality == 0 {
+            return;
+        }
+        let jpeg = match &mut self.jpeg {
+            Some(jpeg) if jpeg.quality() == quality => jpeg,
+            other => other.insert(JpegCompression::new(quality)),
+        };
+        jpeg.compress(pixels, self.width_px);
+    }
+}
+
+/// The light of a row's pixels in colour `EVEN` or `ODD`, by column.
+fn extract_colours<const EVEN: usize, const ODD: usize>(
+    light: &[LightPixel],
+    direct: f32,
+    out: &mut [f32],
+) {
+    let (pairs, rest) = light.as_chunks::<2>();
+    let (out_pairs, out_rest) = out.as_chunks_mut::<2>();
+    for (out, [even, odd]) in out_pairs.iter_mut().zip(pairs) {
+        *out = [direct * f32::from(even[EVEN]), direct * f32::from(odd[ODD])];
+    }
+    for (out, pixel) in out_rest.iter_mut().zip(rest) {
+        *out = direct * f32::from(pixel[EVEN]);
     }
 }
 
 /// Blackens a sector: centre and full width, radians, robot frame.
-fn draw_occlusion(
-    middle: f32,
-    width: f32,
-    rays: &SortedRays,
-    tile: &Tile,
-    light_buffer: &mut LightBuffer,
-) {
+fn draw_occlusion(middle: f32, width: f32, rays: &SortedRays, image: &mut [LightPixel]) {
     let inside = (width / 2.0).min(std::f32::consts::PI).cos();
     let (sin, cos) = middle.sin_cos();
+    let [red, green, blue] = HOOD.map(tones);
     let range = rays.range_of_sector(middle - width / 2.0, middle + width / 2.0);
-    for run in rays.runs_in(&range, tile) {
-        for ray in run {
+    for tile in &rays.tiles {
+        for ray in rays.runs_in(&range, tile).flatten() {
             if cos * rays.direction_x[ray] + sin * rays.direction_y[ray] >= inside {
-                light_buffer.blend(ray, 1.0, HOOD);
+                image[rays.pixel[ray] as usize] = [red, green, blue, 0];
             }
         }
     }

@@ -8,6 +8,8 @@ use std::ops::Range;
 
 use vision::{Ray, RayTable};
 
+use super::row_transform::RowTransform;
+
 /// Azimuth bins in a full circle: 0.5° is about a pixel at half the radius of a 480 × 480 image.
 const BINS: usize = 720;
 /// Rays at which a tile is complete: their data fill half a cache of 512 KiB.
@@ -35,6 +37,10 @@ pub(crate) struct SortedRays {
     pub(crate) azimuth_spacing: Vec<f32>,
     /// Slope between neighbouring pixels' rays times the blur.
     pub(crate) slope_spacing: Vec<f32>,
+    /// Row of each ray's pixel: -0.5 at the top of the image, 0.5 at the bottom.
+    pub(super) row: Vec<f32>,
+    /// Motion of the rays during the current image.
+    pub(super) transform: RowTransform,
     /// Groups of bins with a few thousand rays each.
     pub(super) tiles: Vec<Tile>,
     /// Pixels without a ray.
@@ -66,7 +72,7 @@ pub(super) struct RayRange {
     slope_max: f32,
 }
 
-/// A run of `SortedRays`; every slice has the run's length.
+/// A run of rays; every slice has the run's length.
 #[derive(Clone, Copy)]
 pub(super) struct RayRun<'a> {
     pub(super) origin: [&'a [f32]; 3],
@@ -77,8 +83,8 @@ pub(super) struct RayRun<'a> {
 }
 
 impl SortedRays {
-    /// Sorts a table of rays; the blur of the optics widens every ray.
-    pub(crate) fn new(table: &RayTable, blur_px: f32) -> Self {
+    /// Sorts a table of rays; the blur of the optics (pixels, by the pixel's index) widens every ray.
+    pub(crate) fn new(table: &RayTable, blur_px: impl Fn(usize) -> f32) -> Self {
         let mut keyed: Vec<(usize, f32, u32)> = Vec::new();
         let mut rays = SortedRays::default();
         for (pixel, ray) in table.rays.iter().enumerate() {
@@ -105,8 +111,11 @@ impl SortedRays {
             rays.direction_x.push(cos);
             rays.direction_y.push(sin);
             rays.slope.push(slope);
-            rays.azimuth_spacing.push(spacing * blur_px);
-            rays.slope_spacing.push(slope_spacing * blur_px);
+            let blur = blur_px(pixel as usize);
+            rays.azimuth_spacing.push(spacing * blur);
+            rays.slope_spacing.push(slope_spacing * blur);
+            let row = (pixel as usize / table.width_px) as f32 + 0.5;
+            rays.row.push(row / table.height_px as f32 - 0.5);
             rays.axis_offset_max = rays
                 .axis_offset_max
                 .max((ray.origin[0] * sin - ray.origin[1] * cos).abs());
@@ -125,17 +134,6 @@ impl SortedRays {
             }
         }
         rays
-    }
-
-    /// A run of rays as slices of one length, for loops that the compiler turns into vectors.
-    pub(super) fn run(&self, run: &Range<usize>) -> RayRun<'_> {
-        RayRun {
-            origin: [&self.origin_x, &self.origin_y, &self.origin_z].map(|of| &of[run.clone()]),
-            direction: [&self.direction_x, &self.direction_y].map(|of| &of[run.clone()]),
-            slope: &self.slope[run.clone()],
-            azimuth_spacing: &self.azimuth_spacing[run.clone()],
-            slope_spacing: &self.slope_spacing[run.clone()],
-        }
     }
 
     pub(crate) fn count(&self) -> usize {
@@ -207,6 +205,12 @@ impl SortedRays {
         top: f32,
     ) -> RayRange {
         let distance = x.hypot(y);
+        let RowTransform {
+            angle_max,
+            shift_max,
+            ..
+        } = self.transform;
+        let radius = radius + shift_max;
         // Rays do not start exactly on the axis.
         let wide = radius + self.axis_offset_max;
         let half = if distance > wide * 1.01 {
@@ -222,9 +226,12 @@ impl SortedRays {
         let up = top - self.origin_height_min;
         let low = if down < 0.0 { down / near } else { down / far };
         let high = if up < 0.0 { up / far } else { up / near };
+        // A tilt by an angle changes azimuths by up to angle·slope and slopes by up to angle·(1 + slope²).
+        let half = (half + angle_max * (1.0 + low.abs().max(high.abs()))).min(PI);
+        let margin = |slope: f32| 0.02 + 0.02 * slope.abs() + angle_max * (1.0 + slope * slope);
         RayRange {
-            slope_min: low - 0.02 - 0.02 * low.abs(),
-            slope_max: high + 0.02 + 0.02 * high.abs(),
+            slope_min: low - 1.2 * margin(low),
+            slope_max: high + 1.2 * margin(high),
             ..self.range_of_sector(middle - half, middle + half)
         }
     }

@@ -2,19 +2,39 @@
 
 use localize::frames::{At, FieldFrame, Pose};
 
+use super::row_transform::CameraMotion;
+use crate::people::Person;
 use crate::world::RobotState;
 
-/// Everything that changes from image to image.
+/// Everything that changes from image to image. The default is an empty field under white light of level 1.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a> {
     /// Pose of our robot.
     pub pose: Pose,
+    /// Its motion and tilt.
+    pub motion: CameraMotion,
     /// The other robots.
     pub robots: &'a [RobotState],
+    /// People on or beside the field.
+    pub people: &'a [Person],
     /// The ball: ground contact, diameter (metres) and colour (sRGB).
     pub ball: Option<(At<FieldFrame>, f32, [u8; 3])>,
     /// Red, green and blue light, relative to white light of level 1.
     pub light_colour: [f32; 3],
     /// Black sectors: centre and full width, radians, robot frame.
     pub occlusions: &'a [(f32, f32)],
+}
+
+impl Default for Scene<'_> {
+    fn default() -> Self {
+        Scene {
+            pose: Pose::new(0.0, 0.0, 0.0),
+            motion: CameraMotion::default(),
+            robots: &[],
+            people: &[],
+            ball: None,
+            light_colour: [1.0; 3],
+            occlusions: &[],
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! How are objects drawn? Cylinders, boxes, spheres and panels with antialiased edges, over what is behind them.
 
-use super::ground::Ground;
 use super::light_buffer::LightBuffer;
+use super::moving_rays::MovedRays;
 use super::rays::{RayRange, RayRun, SortedRays, Tile};
 
 /// An upright prism, robot frame.
@@ -86,6 +86,7 @@ struct RayOffset {
 /// The rays and the light for drawing.
 pub(super) struct DrawContext<'a> {
     pub(super) rays: &'a SortedRays,
+    pub(super) moved: &'a MovedRays,
     pub(super) tile: &'a Tile,
     pub(super) light_direction: LightDirection,
 }
@@ -174,7 +175,7 @@ fn draw_solid_runs(
             slope,
             azimuth_spacing: spacing,
             slope_spacing,
-        } = context.rays.run(&run);
+        } = context.moved.run(context.rays, &run);
         for i in 0..slope.len() {
             let (dx, dy) = (solid.x - ox[i], solid.y - oy[i]);
             let along = dx * tx[i] + dy * ty[i];
@@ -286,21 +287,19 @@ fn draw_sphere(
     context: &DrawContext,
     light_buffer: &mut LightBuffer,
 ) {
-    let rays = context.rays;
-    for run in rays.runs_in(range, context.tile) {
-        for ray in run {
-            let slope = rays.slope[ray];
+    for run in context.rays.runs_in(range, context.tile) {
+        let RayRun {
+            origin: [ox, oy, oz],
+            direction: [tx, ty],
+            slope: slopes,
+            azimuth_spacing,
+            slope_spacing,
+        } = context.moved.run(context.rays, &run);
+        for (i, ray) in run.enumerate() {
+            let slope = slopes[i];
             let scale = 1.0 / (1.0 + slope * slope).sqrt();
-            let direction = [
-                rays.direction_x[ray] * scale,
-                rays.direction_y[ray] * scale,
-                slope * scale,
-            ];
-            let to = [
-                ball.x - rays.origin_x[ray],
-                ball.y - rays.origin_y[ray],
-                ball.radius - rays.origin_z[ray],
-            ];
+            let direction = [tx[i] * scale, ty[i] * scale, slope * scale];
+            let to = [ball.x - ox[i], ball.y - oy[i], ball.radius - oz[i]];
             let along = to[0] * direction[0] + to[1] * direction[1] + to[2] * direction[2];
             if along <= 0.0 {
                 continue;
@@ -308,15 +307,15 @@ fn draw_sphere(
             let square = (to[0] * to[0] + to[1] * to[1] + to[2] * to[2] - along * along).max(0.0);
             let miss = square.sqrt();
             // Pixel width across the ray: geometric mean of the spacings in azimuth and slope.
-            let turn = rays.azimuth_spacing[ray] * scale;
-            let rise = rays.slope_spacing[ray] * scale * scale;
+            let turn = azimuth_spacing[i] * scale;
+            let rise = slope_spacing[i] * scale * scale;
             let width = along * (turn * rise).sqrt().max(1e-4);
             let covered = edge_coverage(ball.radius - miss, width);
             if covered <= 0.0 {
                 continue;
             }
             let way = along - (ball.radius * ball.radius - square).max(0.0).sqrt();
-            let up = (rays.origin_z[ray] + way * direction[2] - ball.radius) / ball.radius;
+            let up = (oz[i] + way * direction[2] - ball.radius) / ball.radius;
             // Light from above, some reflected by the carpet, a highlight on top.
             let bright = 0.52 + 0.5 * up.clamp(-1.0, 1.0);
             let shine = 0.35 * (up - 0.82).max(0.0) / 0.18;
@@ -366,7 +365,7 @@ fn draw_panel_runs(
             slope,
             azimuth_spacing: spacing,
             slope_spacing,
-        } = context.rays.run(&run);
+        } = context.moved.run(context.rays, &run);
         for i in 0..slope.len() {
             let (dx, dy) = (panel.from[0] - ox[i], panel.from[1] - oy[i]);
             let cross = tx[i] * ey - ty[i] * ex;
@@ -442,7 +441,6 @@ impl Shadow {
         &self,
         range: &RayRange,
         context: &DrawContext,
-        ground: &Ground,
         light_buffer: &mut LightBuffer,
     ) {
         let per_square = 0.25 / (self.radius * self.radius);
@@ -450,7 +448,7 @@ impl Shadow {
         let height2 = under.height * under.height;
         for run in context.rays.runs_in(range, context.tile) {
             let [red, green, blue] = light_buffer.planes(&run);
-            let (at_x, at_y) = (&ground.x[run.clone()], &ground.y[run]);
+            let [at_x, at_y] = context.moved.ground(&run);
             for i in 0..at_x.len() {
                 let (dx, dy) = (at_x[i] - self.x, at_y[i] - self.y);
                 let inside = (1.0 - (dx * dx + dy * dy) * per_square).max(0.0);

@@ -19,16 +19,12 @@ fn render_fixture(mount: Mount) -> RenderFixture {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
     let robot = RobotConfig::load(&folder.join("robots/default.toml")).expect("a robot");
     let field = Field::load(&folder.join("fields/msl_18x12.toml")).expect("a field");
-    let camera = robot.camera.expect("a camera");
+    let camera = robot
+        .camera
+        .and_then(|camera| camera.camera())
+        .expect("a camera");
     let profile = Profile::load(&robot.mirror.expect("a mirror").profile).expect("a profile");
-    let sensor_config = FilmConfig {
-        full_well: 1e9,
-        read_noise: 0.0,
-        vignetting: 0.0,
-        haze: 0.0,
-        blur_px: 1.0,
-        ..FilmConfig::default()
-    };
+    let sensor_config = FilmConfig::ideal();
     let renderer = Renderer::new(&RendererConfig {
         camera: &camera,
         profile: &profile,
@@ -36,7 +32,11 @@ fn render_fixture(mount: Mount) -> RenderFixture {
         body: &robot.body.unwrap_or_default(),
         field: &field,
         light: &LightConfig::default(),
-        blur_px: sensor_config.blur_px,
+        hall: &HallConfig {
+            cables: 0,
+            ..HallConfig::default()
+        },
+        film: &sensor_config,
         seed: 1,
     })
     .expect("a renderer");
@@ -52,9 +52,8 @@ impl RenderFixture {
         let scene = Scene {
             pose,
             robots,
-            ball: None,
-            light_colour: [1.0; 3],
             occlusions,
+            ..Scene::default()
         };
         let mut rgb = Vec::new();
         self.renderer.render(&scene, &self.sensor_config, &mut rgb);
@@ -223,14 +222,203 @@ fn doubled_light_at_half_exposure_gives_the_same_image() {
     fixture.sensor_config.exposure = 0.5;
     let scene = Scene {
         pose,
-        robots: &[],
-        ball: None,
         light_colour: [2.0; 3],
-        occlusions: &[],
+        ..Scene::default()
     };
     let mut bright = Vec::new();
     fixture
         .renderer
         .render(&scene, &fixture.sensor_config, &mut bright);
     assert!(usual.iter().zip(&bright).all(|(a, b)| a.abs_diff(*b) <= 1));
+}
+
+/// Ground point of a tilted robot's pixel, by nalgebra's rotations: an independent way to the renderer's.
+fn tilted_ground_point(
+    fixture: &RenderFixture,
+    (column, row): (usize, usize),
+    tilt: [f32; 2],
+) -> Option<At<localize::RobotFrame>> {
+    let ray = fixture.table.rays[row * fixture.table.width_px + column]?;
+    let up = nalgebra::Vector3::new(
+        tilt[0],
+        tilt[1],
+        (1.0 - tilt[0].powi(2) - tilt[1].powi(2)).sqrt(),
+    );
+    let rotation = nalgebra::Rotation3::rotation_between(&up, &nalgebra::Vector3::z())?;
+    let origin = rotation * nalgebra::Vector3::from(ray.origin);
+    let direction = rotation * nalgebra::Vector3::from(ray.direction);
+    let way = -origin.z / direction.z;
+    (way > 0.0).then(|| At::new(origin.x + way * direction.x, origin.y + way * direction.y))
+}
+
+#[test]
+fn touch_line_is_rendered_where_the_rays_of_a_tilted_robot_meet_it() {
+    let mut fixture = render_fixture(Mount::default());
+    let (tilt, pose, row) = ([0.02, -0.03], Pose::new(3.0, 4.0, 0.3), 180);
+    let motion = CameraMotion {
+        tilt,
+        ..CameraMotion::default()
+    };
+    let scene = Scene {
+        pose,
+        motion,
+        ..Scene::default()
+    };
+    let mut rgb = Vec::new();
+    let film = fixture.sensor_config;
+    fixture.renderer.render(&scene, &film, &mut rgb);
+    let (mut sum, mut weight) = (0.0, 0.0);
+    let mut upright_sum = 0.0;
+    for column in 0..480 {
+        let Some(ground) = tilted_ground_point(&fixture, (column, row), tilt) else {
+            continue;
+        };
+        let at = pose * ground;
+        if (at.y - 5.9375).abs() > 0.3 || ground.distance() > 5.0 {
+            continue;
+        }
+        let red = linear_from_srgb(rgb[3 * (row * 480 + column)]) - 0.065;
+        let upright = fixture.ground_point(column, row).map_or(at, |at| pose * at);
+        sum += red.max(0.0) * (at.y - 5.9375);
+        upright_sum += red.max(0.0) * (upright.y - 5.9375);
+        weight += red.max(0.0);
+    }
+    assert!(weight > 1.0, "{weight}");
+    assert!((sum / weight).abs() < 0.012, "{}", sum / weight);
+    assert!(
+        (upright_sum / weight).abs() > 0.02,
+        "{}",
+        upright_sum / weight
+    );
+}
+
+#[test]
+fn rolling_shutter_turns_rows_by_the_yaw_of_their_time() {
+    let mut fixture = render_fixture(Mount::default());
+    let pose = Pose::new(0.0, 0.0, 0.2);
+    let film = fixture.sensor_config;
+    let mut render = |theta: f32, motion: CameraMotion| {
+        let scene = Scene {
+            pose: Pose { theta, ..pose },
+            motion,
+            ..Scene::default()
+        };
+        let mut rgb = Vec::new();
+        fixture.renderer.render(&scene, &film, &mut rgb);
+        rgb
+    };
+    let motion = CameraMotion {
+        yaw_rate: 4.0,
+        readout: 0.02,
+        ..CameraMotion::default()
+    };
+    let rolled = render(pose.theta, motion);
+    // Row 120 is exposed a quarter of the readout before the middle, row 360 a quarter after it.
+    for (row, turn) in [(120, -0.02), (240, 0.0), (360, 0.02)] {
+        let same = render(pose.theta + turn, CameraMotion::default());
+        let other = render(pose.theta - turn, CameraMotion::default());
+        let difference = |image: &[u8]| -> u32 {
+            let at = 3 * 480 * row..3 * 480 * (row + 1);
+            let pairs = rolled[at.clone()].iter().zip(&image[at]);
+            pairs.map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
+        };
+        let (same, other) = (difference(&same), difference(&other));
+        assert!(same < 1500, "row {row}: {same}");
+        assert!(turn == 0.0 || other > 4 * same, "row {row}: {same} {other}");
+    }
+}
+
+#[test]
+fn motion_blur_smears_along_the_flow_around_the_same_place() {
+    let mut fixture = render_fixture(Mount::default());
+    let film = fixture.sensor_config;
+    let mut render = |motion: CameraMotion| {
+        let scene = Scene {
+            pose: Pose::new(0.5, 4.0, 0.0),
+            motion,
+            ..Scene::default()
+        };
+        let mut rgb = Vec::new();
+        fixture.renderer.render(&scene, &film, &mut rgb);
+        rgb
+    };
+    let sharp = render(CameraMotion::default());
+    // 5 px at the place of the test.
+    let turning = render(CameraMotion {
+        yaw_rate: 8.0,
+        shutter: 0.01,
+        ..CameraMotion::default()
+    });
+    // The halfway line lies behind the robot and runs from image left to right; column 180 crosses it at right angles to
+    // the flow.
+    let profile = |rgb: &[u8]| {
+        let at = |row: usize| linear_from_srgb(rgb[3 * (row * 480 + 180)]) - 0.065;
+        let rows = (245..285).map(|row| (row as f32, at(row).max(0.0)));
+        let (mut weight, mut mean, mut square) = (0.0, 0.0, 0.0);
+        for (row, light) in rows {
+            (weight, mean, square) = (
+                weight + light,
+                mean + light * row,
+                square + light * row * row,
+            );
+        }
+        (
+            mean / weight,
+            (square / weight - (mean / weight).powi(2)).sqrt(),
+        )
+    };
+    let ((place, width), (smeared_place, smeared_width)) = (profile(&sharp), profile(&turning));
+    assert!(
+        (place - smeared_place).abs() < 0.3,
+        "{place} {smeared_place}"
+    );
+    assert!(smeared_width > 1.2 * width, "{width} {smeared_width}");
+}
+
+#[test]
+fn scattered_light_brightens_the_dark_and_mosaic_noise_is_correlated() {
+    let mut fixture = render_fixture(Mount::default());
+    let mut render = |film: FilmConfig| {
+        let mut rgb = Vec::new();
+        fixture.renderer.render(&Scene::default(), &film, &mut rgb);
+        rgb
+    };
+    let ideal = FilmConfig::ideal();
+    let dark = |rgb: &[u8]| rgb[1];
+    let clear = render(ideal);
+    let glare = render(FilmConfig {
+        glare: 0.2,
+        bloom: 0.2,
+        ..ideal
+    });
+    assert!(
+        dark(&glare) > dark(&clear) + 10,
+        "{} {}",
+        dark(&glare),
+        dark(&clear)
+    );
+    let noise = |bayer: bool, render: &mut dyn FnMut(FilmConfig) -> Vec<u8>| {
+        let rgb = render(FilmConfig {
+            bayer,
+            full_well: 1000.0,
+            ..ideal
+        });
+        let smooth: Vec<f32> = rgb
+            .iter()
+            .zip(&clear)
+            .map(|(noisy, clear)| f32::from(*noisy) - f32::from(*clear))
+            .collect();
+        let (mut product, mut square) = (0.0, 0.0);
+        for row in 100..140 {
+            for column in 150..190 {
+                let at = 3 * (row * 480 + column) + 1;
+                product += smooth[at] * smooth[at + 3];
+                square += smooth[at] * smooth[at];
+            }
+        }
+        product / square
+    };
+    let correlation = [false, true].map(|bayer| noise(bayer, &mut render));
+    assert!(correlation[0].abs() < 0.15, "{correlation:?}");
+    assert!(correlation[1] > 0.2, "{correlation:?}");
 }

@@ -204,7 +204,16 @@ impl Scenario {
             .map_err(|(key, reason)| (format!("film.{key}"), reason))?;
         self.light
             .check()
-            .map_err(|(key, reason)| (format!("light.{key}"), reason))
+            .map_err(|(key, reason)| (format!("light.{key}"), reason))?;
+        self.hall
+            .check()
+            .map_err(|(key, reason)| (format!("hall.{key}"), reason))?;
+        self.people
+            .check()
+            .map_err(|(key, reason)| (format!("people.{key}"), reason))?;
+        self.rocking
+            .check()
+            .map_err(|(key, reason)| (format!("rocking.{key}"), reason))
     }
 
     /// The first occlusion or fault with invalid times, and the reason.

@@ -5,6 +5,7 @@ use localize::omni::Twist;
 
 use super::Sim;
 use crate::image_sensor::FilmConfig;
+use crate::people::Person;
 use crate::scenario::FaultKind;
 use crate::world::{BallState, RobotState};
 
@@ -22,6 +23,7 @@ impl Sim {
     /// Moves our robot to a pose, at rest.
     pub fn kidnap(&mut self, pose: Pose) {
         self.world.kidnap(pose);
+        self.rocking.place(pose);
     }
 
     /// Moves another robot to a pose, at rest; `index` as in `SimTruth::others`.
@@ -57,8 +59,14 @@ impl Sim {
     }
 
     /// Copies the states of the other robots and of the ball from another simulation of the same game, in which another
-    /// of our robots is simulated. `others`: in the order of `SimTruth::others`.
-    pub fn synchronise_others(&mut self, others: &[RobotState], ball: Option<BallState>) {
+    /// of our robots is simulated. `others` and `people`: in the order of `SimTruth`.
+    pub fn synchronise_others(
+        &mut self,
+        others: &[RobotState],
+        people: &[Person],
+        ball: Option<BallState>,
+    ) {
+        self.people.set(people);
         for (index, state) in others.iter().enumerate() {
             self.world.set_other_state(index, state);
         }

@@ -9,22 +9,27 @@ use std::path::PathBuf;
 use localize::field::{Field, FieldError};
 use localize::frames::Pose;
 use localize::omni::{OmniError, Twist};
-use localize::robot::{CameraConfig, RobotConfig};
+use localize::robot::{CameraConfig, CameraSection, RobotConfig};
 use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 use localize::stamp::Stamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use vision::Profile;
 use vision::optics::mirror::ProfileError;
 use vision::optics::ray_tracing::OpticsError;
+use vision::{Mount, Profile};
 
 use crate::behaviour::{DECISION_PERIOD, TeamBehaviour};
 use crate::image_sensor::FilmConfig;
 use crate::path_follower::PathFollower;
-use crate::render::{Renderer, RendererConfig};
+use crate::people::{People, Person};
+use crate::render::{CameraMotion, Renderer, RendererConfig};
+use crate::rocking::Rocking;
 use crate::scenario::{FaultKind, Scenario, ScenarioError};
 use crate::sensors::{CompassModel, ImuModel};
 use crate::world::{BallState, RobotState, STEP, STEP_NANOSECONDS, SimWorld};
+
+/// People move at every tenth time step: they are slow.
+const PEOPLE_STEPS: i64 = 10;
 
 /// A sensor sample, or the true state.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,6 +86,10 @@ pub struct SimTruth {
     pub ball: Option<BallState>,
     /// The other robots.
     pub others: Vec<RobotState>,
+    /// People on and beside the field.
+    pub people: Vec<Person>,
+    /// Our robot's tilt: x and y components of the vertical in its frame.
+    pub tilt: [f32; 2],
 }
 
 /// Why a simulation cannot be set up.
@@ -127,12 +136,17 @@ pub struct Sim {
     robot: RobotConfig,
     field: Field,
     world: SimWorld,
+    rocking: Rocking,
+    people: People,
     behaviour: TeamBehaviour,
     follower: PathFollower,
     command_override: Option<Twist>,
     /// Last command to the motors.
     command: Twist,
     renderer: Renderer,
+    /// The real camera, with its real focal length, and the mirror.
+    camera: CameraConfig,
+    profile: Profile,
     image_sensor: FilmConfig,
     /// Scheduled settings and their first image, counted from 0 without dropped ones.
     pending_sensor_configs: VecDeque<(u64, FilmConfig)>,
@@ -151,12 +165,14 @@ pub struct Sim {
     steps: i64,
     next_kidnap: usize,
     next_push: usize,
+    next_knock: usize,
     /// Sum of accelerations since the last IMU sample, and the number of steps.
     acceleration_sum: ([f64; 2], u32),
     frozen_heading: Option<f32>,
     frozen_image: Option<Vec<u8>>,
     behaviour_rng: ChaCha8Rng,
     sensor_rng: ChaCha8Rng,
+    people_rng: ChaCha8Rng,
     pending_samples: VecDeque<SimSample>,
 }
 
@@ -196,7 +212,11 @@ impl Sim {
             path: scenario.robot.clone(),
             what,
         };
-        let camera = robot.camera.as_ref().ok_or_else(|| missing("[camera]"))?;
+        let camera = robot
+            .camera
+            .as_ref()
+            .and_then(CameraSection::camera)
+            .ok_or_else(|| missing("[camera] with centre_px"))?;
         let mirror = robot.mirror.as_ref().ok_or_else(|| missing("[mirror]"))?;
         let profile = Profile::load(&mirror.profile)?;
         let (base, body) = (
@@ -213,20 +233,22 @@ impl Sim {
                 .map(|rim| rim * scenario.focal_scale as f32),
             ..camera.clone()
         };
-        let renderer = Renderer::new(&RendererConfig {
+        let optics_error = |source| SimError::Optics {
+            path: scenario.robot.clone(),
+            source,
+        };
+        let renderer_config = RendererConfig {
             camera: &real_camera,
             profile: &profile,
             mount: scenario.mount,
             body: &body,
             field: &field,
             light: &scenario.light,
-            blur_px: scenario.film.blur_px,
+            hall: &scenario.hall,
+            film: &scenario.film,
             seed: scenario.seed,
-        })
-        .map_err(|source| SimError::Optics {
-            path: scenario.robot.clone(),
-            source,
-        })?;
+        };
+        let renderer = Renderer::new(&renderer_config).map_err(optics_error)?;
         let rng_stream = |number| {
             let mut rng = ChaCha8Rng::seed_from_u64(scenario.seed);
             rng.set_stream(number);
@@ -242,6 +264,7 @@ impl Sim {
                 source,
             }
         })?;
+        let mut people_rng = rng_stream(5);
         let imu = robot.imu.as_ref().map(|config| {
             (
                 ImuModel::new(config, &mut sensor_rng),
@@ -256,11 +279,16 @@ impl Sim {
         });
         Ok(Sim {
             world,
+            rocking: Rocking::new(scenario.rocking, start, &mut rng_stream(6)),
+            people: People::new(&field, scenario.people, &mut people_rng),
+            people_rng,
             behaviour,
             follower: PathFollower::new(scenario.path.clone()),
             command_override: None,
             command: Twist::default(),
             renderer,
+            camera: real_camera,
+            profile,
             image_sensor: scenario.film,
             pending_sensor_configs: VecDeque::new(),
             images: 0,
@@ -275,6 +303,7 @@ impl Sim {
             steps: 0,
             next_kidnap: 0,
             next_push: 0,
+            next_knock: 0,
             acceleration_sum: ([0.0; 2], 0),
             frozen_heading: None,
             frozen_image: None,
@@ -325,6 +354,8 @@ impl Sim {
             robot: self.world.robot(),
             ball: self.world.ball(),
             others: self.world.others().collect(),
+            people: self.people.all().to_vec(),
+            tilt: self.rocking.tilt(),
         }
     }
 
@@ -349,6 +380,25 @@ impl Sim {
         self.scenario.faults.iter().find(fails)
     }
 
+    /// Renders images with another mounting from now on.
+    fn remount(&mut self, mount: Mount) {
+        let renderer = Renderer::new(&RendererConfig {
+            camera: &self.camera,
+            profile: &self.profile,
+            mount,
+            body: &self.robot.body.clone().unwrap_or_default(),
+            field: &self.field,
+            light: &self.scenario.light,
+            hall: &self.scenario.hall,
+            film: &self.scenario.film,
+            seed: self.scenario.seed,
+        });
+        // Camera and mirror were checked when the simulation was set up.
+        if let Ok(renderer) = renderer {
+            self.renderer = renderer;
+        }
+    }
+
     fn step(&mut self) {
         let time = self.time();
         while let Some(kidnap) = self.scenario.kidnaps.get(self.next_kidnap) {
@@ -356,8 +406,8 @@ impl Sim {
                 break;
             }
             self.next_kidnap += 1;
-            self.world
-                .kidnap(Pose::new(kidnap.x, kidnap.y, kidnap.theta_deg.to_radians()));
+            let pose = Pose::new(kidnap.x, kidnap.y, kidnap.theta_deg.to_radians());
+            self.kidnap(pose);
         }
         while let Some(push) = self.scenario.pushes.get(self.next_push) {
             if push.time > time {
@@ -365,6 +415,13 @@ impl Sim {
             }
             self.next_push += 1;
             self.world.apply_impulse(push.impulse);
+        }
+        while let Some(knock) = self.scenario.knocks.get(self.next_knock) {
+            if knock.time > time {
+                break;
+            }
+            self.next_knock += 1;
+            self.remount(knock.mount);
         }
         if self.behaviour_timer.take_due(time) {
             self.behaviour
@@ -384,14 +441,43 @@ impl Sim {
         self.acceleration_sum.0[0] += f64::from(ax);
         self.acceleration_sum.0[1] += f64::from(ay);
         self.acceleration_sum.1 += 1;
+        let pose = self.world.robot().pose;
+        let (sin, cos) = pose.theta.sin_cos();
+        self.rocking
+            .step([cos * ax + sin * ay, cos * ay - sin * ax], pose, STEP);
+        if self.steps % PEOPLE_STEPS == 0 && !self.people.all().is_empty() {
+            let others = self.world.others().map(|state| state.pose);
+            let robots: Vec<Pose> = others.chain([pose]).collect();
+            let step = PEOPLE_STEPS as f32 * STEP;
+            self.people.step(step, &robots, &mut self.people_rng);
+        }
         self.steps += 1;
+    }
+
+    /// How the camera moves while it takes an image now.
+    fn camera_motion(&self) -> CameraMotion {
+        let robot = self.world.robot();
+        let (sin, cos) = robot.pose.theta.sin_cos();
+        let [vx, vy] = robot.velocity;
+        let film = &self.image_sensor;
+        let longest = 1.0 / self.scenario.frame_rate_hz as f32;
+        CameraMotion {
+            velocity: [cos * vx + sin * vy, cos * vy - sin * vx],
+            yaw_rate: robot.omega,
+            tilt: self.rocking.tilt(),
+            tilt_rate: self.rocking.tilt_rate(),
+            // A camera exposes and reads out within the time between two images.
+            readout: film.rolling_shutter.min(longest),
+            shutter: (film.shutter * film.exposure).min(longest),
+        }
     }
 }
 
-/// The scenario with its kidnaps and pushes in order of time.
+/// The scenario with its kidnaps, pushes and knocks in order of time.
 fn sorted(mut scenario: Scenario) -> Scenario {
     scenario.kidnaps.sort_by(|a, b| a.time.total_cmp(&b.time));
     scenario.pushes.sort_by(|a, b| a.time.total_cmp(&b.time));
+    scenario.knocks.sort_by(|a, b| a.time.total_cmp(&b.time));
     scenario
 }
 

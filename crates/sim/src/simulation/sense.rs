@@ -62,7 +62,8 @@ impl Sim {
         let acceleration = [cos * x + sin * y, -sin * x + cos * y];
         let silent = self.active_fault(FaultKind::ImuSilent).is_some();
         if let Some((imu, _)) = &self.imu {
-            let reading = imu.read(stamp, acceleration, robot.omega, &mut self.sensor_rng);
+            let tilt = (self.rocking.tilt(), self.rocking.tilt_rate());
+            let reading = imu.read(stamp, acceleration, robot.omega, tilt, &mut self.sensor_rng);
             if !silent {
                 self.pending_samples.push_back(SimSample::Imu(reading));
             }
@@ -126,7 +127,9 @@ impl Sim {
         let ball = &self.scenario.ball;
         let scene = Scene {
             pose: truth.robot.pose,
+            motion: self.camera_motion(),
             robots: &truth.others,
+            people: &truth.people,
             ball: truth
                 .ball
                 .map(|state| (state.at, ball.diameter, ball.colour)),

@@ -12,7 +12,7 @@ fn small_simulation(change: impl FnOnce(&mut Scenario)) -> Sim {
     let camera = robot.camera.as_mut().expect("a camera");
     (camera.width_px, camera.height_px) = (120, 120);
     camera.focal_px = camera.focal_px.map(|focal| focal / 4.0);
-    camera.centre_px = [59.5, 59.5];
+    camera.centre_px = Some([59.5, 59.5]);
     camera.outer_radius_px = Some(58.5);
     scenario.duration = 1.0;
     change(&mut scenario);

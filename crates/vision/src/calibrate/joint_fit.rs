@@ -1,11 +1,31 @@
 //! Joint robust least squares of the map correction and all image poses, from line points to markings.
 
-use localize::Pose;
-use localize::matching::distance_field::DistanceField;
+use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
 use localize::math;
+use localize::{Field, Pose};
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibrate::map_correction::{BasisValues, MapCorrection, PARAMETER_COUNT, PriorTerm};
+/// The markings of a field.
+pub(super) struct Markings {
+    pub(super) distances: DistanceField,
+    half_extent: [f64; 2],
+}
+
+impl Markings {
+    pub(super) fn new(field: &Field) -> Self {
+        /// Beyond the centre of the boundary lines, metres: the line's half width and an error of the map.
+        const MARGIN: f64 = 0.3;
+        Markings {
+            distances: DistanceField::new(field, &DistanceFieldConfig::default()),
+            half_extent: [field.config.length, field.config.width]
+                .map(|size| f64::from(size) / 2.0 + MARGIN),
+        }
+    }
+
+    fn is_on_field(&self, [x, y]: [f64; 2]) -> bool {
+        x.abs() <= self.half_extent[0] && y.abs() <= self.half_extent[1]
+    }
+}
 
 /// Parameters of an image: x, y, θ and its tilt (a, b).
 const IMAGE_PARAMETERS: usize = 5;
@@ -16,67 +36,86 @@ const IMAGE_TILT_STD: f64 = 0.45 * std::f64::consts::PI / 180.0;
 /// Deviation of the painted markings from the rule book, metres; added to a point's pixel deviation.
 const MARKING_STD: f64 = 0.015;
 
-/// Scale of the robust error per round, metres: from a wrong map to the accuracy of paint.
-const ROBUST_SCALES: [f64; 6] = [0.6, 0.4, 0.25, 0.15, 0.1, 0.08];
-
 /// Gauss-Newton steps per scale.
 const ITERATIONS_PER_SCALE: usize = 8;
 
-/// A line point of one image, metres.
+/// Scale of the robust error per round: from a wrong map to the accuracy of paint.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct CalibrationPoint {
-    /// Its ground point in the start map, robot frame.
-    pub(super) start: [f64; 2],
-    pub(super) std_radial: f64,
-    pub(super) std_tangential: f64,
+pub(super) struct Schedule {
+    /// Metres, the same at every range.
+    pub(super) metres: &'static [f64],
+    /// Added in proportion to the range: of a map whose shape is a guess.
+    pub(super) relative: &'static [f64],
+}
+
+/// For a map that is a fifth off.
+pub(super) const CORRECTION_SCHEDULE: Schedule = Schedule {
+    metres: &[0.6, 0.4, 0.25, 0.15, 0.1, 0.08],
+    relative: &[0.0; 6],
+};
+
+/// A square to be added to the cost: `weight` × (row · parameters − target)².
+pub(super) struct PriorTerm {
+    pub(super) weight: f64,
+    pub(super) target: f64,
+    /// Index of a parameter and its coefficient.
+    pub(super) row: Vec<(usize, f64)>,
+}
+
+/// A map with free parameters.
+pub(super) trait MapModel {
+    /// What the map needs to know of a line point.
+    type Point: Clone;
+
+    fn parameter_count(&self) -> usize;
+
+    fn parameters(&self) -> &[f64];
+
+    fn parameters_mut(&mut self) -> &mut [f64];
+
+    /// Ground of a point with an additional tilt of its image; not finite beyond the horizon.
+    fn ground(&self, point: &Self::Point, image_tilt: [f64; 2]) -> [f64; 2];
+
+    /// Variance of a point on the ground from its position in the image, m².
+    fn variance(&self, point: &Self::Point) -> f64;
+
+    /// The ground and its derivatives by the image's tilt; appends its derivatives by the parameters to `row`.
+    fn linearize(
+        &self,
+        point: &Self::Point,
+        image_tilt: [f64; 2],
+        row: &mut Vec<(usize, [f64; 2])>,
+    ) -> ([f64; 2], [[f64; 2]; 2]);
+
+    fn prior_terms(&self) -> Vec<PriorTerm>;
 }
 
 /// One image's points and the pose being fitted.
 #[derive(Debug, Clone)]
-pub(super) struct FitImage {
+pub(super) struct FitImage<P> {
     pub(super) index: usize,
-    pub(super) points: Vec<FitPoint>,
+    pub(super) points: Vec<P>,
     state: [f64; IMAGE_PARAMETERS],
     /// False once most of its points are outliers.
     pub(super) used: bool,
-}
-
-/// A line point in the start map.
-#[derive(Debug, Clone)]
-pub(super) struct FitPoint {
-    basis: BasisValues,
-    variance: f64,
 }
 
 /// Residual of one image.
 pub(super) struct ImageFit {
     pub(super) sum_squared: f64,
     pub(super) inlier_count: f64,
+    /// Points inside the boundary lines: clutter beside the field says nothing about the map.
+    pub(super) on_field_count: f64,
     pub(super) rms_px: f64,
 }
 
-impl FitImage {
-    pub(super) fn new(index: usize, points: &[CalibrationPoint], pose: Pose) -> Self {
+impl<P> FitImage<P> {
+    pub(super) fn new(index: usize, points: Vec<P>, pose: Pose) -> Self {
+        let [x, y, theta] = [pose.x, pose.y, pose.theta].map(f64::from);
         FitImage {
             index,
-            points: points
-                .iter()
-                .map(|point| {
-                    let (radial, tangential) = (point.std_radial, point.std_tangential);
-                    FitPoint {
-                        basis: BasisValues::new(point.start),
-                        variance: MARKING_STD * MARKING_STD
-                            + 0.5 * (radial * radial + tangential * tangential),
-                    }
-                })
-                .collect(),
-            state: [
-                f64::from(pose.x),
-                f64::from(pose.y),
-                f64::from(pose.theta),
-                0.0,
-                0.0,
-            ],
+            points,
+            state: [x, y, theta, 0.0, 0.0],
             used: true,
         }
     }
@@ -90,29 +129,30 @@ impl FitImage {
     }
 }
 
-/// The joint fit: map correction and images.
-pub(super) struct JointFit<'a> {
-    distances: &'a DistanceField,
-    pub(super) correction: MapCorrection,
-    pub(super) images: Vec<FitImage>,
+/// The joint fit: map and images.
+pub(super) struct JointFit<'a, M: MapModel> {
+    markings: &'a Markings,
+    pub(super) model: M,
+    pub(super) images: Vec<FitImage<M::Point>>,
 }
 
-impl<'a> JointFit<'a> {
-    pub(super) fn new(distances: &'a DistanceField, correction: MapCorrection) -> Self {
+impl<'a, M: MapModel> JointFit<'a, M> {
+    pub(super) fn new(markings: &'a Markings, model: M, images: Vec<FitImage<M::Point>>) -> Self {
         JointFit {
-            distances,
-            correction,
-            images: Vec::new(),
+            markings,
+            model,
+            images,
         }
     }
 
     /// Runs all rounds; excludes images whose points are mostly outliers after a late round.
-    pub(super) fn optimize(&mut self) {
-        for (round, robust_scale) in ROBUST_SCALES.into_iter().enumerate() {
+    pub(super) fn optimize(&mut self, schedule: &Schedule) {
+        let scales = schedule.metres.iter().zip(schedule.relative);
+        for (round, (&metres, &relative)) in scales.enumerate() {
             // First only the poses under the initial map, then everything.
             for step in 0..ITERATIONS_PER_SCALE {
                 let fit_map = round > 0 || step >= 3;
-                if self.gauss_newton_step(robust_scale, fit_map) < 1e-5 {
+                if self.gauss_newton_step([metres, relative], fit_map) < 1e-5 {
                     break;
                 }
             }
@@ -127,43 +167,52 @@ impl<'a> JointFit<'a> {
     }
 
     /// One Gauss-Newton step on the reweighted squares; returns its size. `fit_map`: the map is free too.
-    fn gauss_newton_step(&mut self, robust_scale: f64, fit_map: bool) -> f64 {
-        let unknowns = PARAMETER_COUNT + IMAGE_PARAMETERS * self.images.len();
+    fn gauss_newton_step(&mut self, [metres, relative]: [f64; 2], fit_map: bool) -> f64 {
+        let map_parameters = self.model.parameter_count();
+        let unknowns = map_parameters + IMAGE_PARAMETERS * self.images.len();
         let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
         let mut gradient = DVector::<f64>::zeros(unknowns);
+        let mut by_map: Vec<(usize, [f64; 2])> = Vec::new();
         let mut row: Vec<(usize, f64)> = Vec::new();
         for (number, image) in self.images.iter().enumerate() {
-            let start = PARAMETER_COUNT + IMAGE_PARAMETERS * number;
+            let start = map_parameters + IMAGE_PARAMETERS * number;
             let [x, y, theta, a, b] = image.state;
             let (sin, cos) = math::sin_cos(theta);
             for point in image.points.iter().filter(|_| image.used) {
-                let (ground, by) = self.correction.jacobian(&point.basis, [a, b]);
+                by_map.clear();
+                let (ground, by_tilt) = self.model.linearize(point, [a, b], &mut by_map);
+                let variance = MARKING_STD * MARKING_STD + self.model.variance(point);
                 let on_field = [
                     x + cos * ground[0] - sin * ground[1],
                     y + sin * ground[0] + cos * ground[1],
                 ];
-                if !(on_field[0].is_finite() && on_field[1].is_finite()) {
+                if !(on_field[0].is_finite() && on_field[1].is_finite() && variance.is_finite()) {
                     continue;
                 }
                 let nearest = self
+                    .markings
                     .distances
                     .nearest(on_field[0] as f32, on_field[1] as f32);
                 let distance = f64::from(nearest.signed_distance);
                 let [nx, ny] = nearest.normal.map(f64::from);
                 // The normal in the robot frame.
                 let (rx, ry) = (cos * nx + sin * ny, cos * ny - sin * nx);
-                let by = by.map(|[gx, gy]| rx * gx + ry * gy);
+                let along_normal = |[gx, gy]: [f64; 2]| rx * gx + ry * gy;
                 // Geman and McClure's weight (c²/(c² + t²))², over the point's own variance.
-                let c2 = robust_scale * robust_scale + 9.0 * point.variance;
-                let weight = (c2 / (c2 + distance * distance)).powi(2)
-                    / (point.variance + 0.01 * robust_scale * robust_scale);
+                let scale = metres + relative * math::hypot(ground[0], ground[1]);
+                let c2 = scale * scale + 9.0 * variance;
+                let weight =
+                    (c2 / (c2 + distance * distance)).powi(2) / (variance + 0.01 * scale * scale);
                 row.clear();
                 if fit_map {
-                    MapCorrection::append_jacobian(&point.basis, by, &mut row);
+                    row.extend(by_map.iter().map(|&(i, moved)| (i, along_normal(moved))));
                 }
                 let by_theta = ny * (on_field[0] - x) - nx * (on_field[1] - y);
                 row.extend([(start, nx), (start + 1, ny), (start + 2, by_theta)]);
-                row.extend([(start + 3, by[2]), (start + 4, by[3])]);
+                row.extend([
+                    (start + 3, along_normal(by_tilt[0])),
+                    (start + 4, along_normal(by_tilt[1])),
+                ]);
                 for &(i, di) in &row {
                     gradient[i] += weight * distance * di;
                     for &(j, dj) in &row {
@@ -180,11 +229,15 @@ impl<'a> JointFit<'a> {
                 normal[(i, i)] += 1.0;
             }
         }
-        for PriorTerm { weight, row } in MapCorrection::prior_terms() {
-            let value: f64 = row
-                .iter()
-                .map(|&(i, di)| di * self.correction.parameters[i])
-                .sum();
+        for term in self.model.prior_terms() {
+            let PriorTerm {
+                weight,
+                target,
+                row,
+            } = term;
+            let parameters = self.model.parameters();
+            let value: f64 = row.iter().map(|&(i, di)| di * parameters[i]).sum();
+            let value = value - target;
             for &(i, di) in &row {
                 gradient[i] += weight * value * di;
                 for &(j, dj) in &row {
@@ -193,7 +246,7 @@ impl<'a> JointFit<'a> {
             }
         }
         if !fit_map {
-            for i in 0..PARAMETER_COUNT {
+            for i in 0..map_parameters {
                 gradient[i] = 0.0;
                 normal[(i, i)] += 1e12;
             }
@@ -202,13 +255,13 @@ impl<'a> JointFit<'a> {
             return 0.0;
         };
         let step = -cholesky.solve(&gradient);
-        for (value, step) in self.correction.parameters.iter_mut().zip(step.iter()) {
+        for (value, step) in self.model.parameters_mut().iter_mut().zip(step.iter()) {
             *value += step;
         }
         let mut size = 0.0f64;
         for (number, image) in self.images.iter_mut().enumerate() {
             for (i, value) in image.state.iter_mut().enumerate() {
-                let change = step[PARAMETER_COUNT + IMAGE_PARAMETERS * number + i];
+                let change = step[map_parameters + IMAGE_PARAMETERS * number + i];
                 *value += change;
                 size = size.max(change.abs());
             }
@@ -217,27 +270,40 @@ impl<'a> JointFit<'a> {
     }
 
     /// Residual of an image at the present fit.
-    pub(super) fn evaluate(&self, image: &FitImage) -> ImageFit {
+    pub(super) fn evaluate(&self, image: &FitImage<M::Point>) -> ImageFit {
         let [x, y, theta, a, b] = image.state;
         let (sin, cos) = math::sin_cos(theta);
-        let (mut squares, mut inliers, mut relative) = (0.0, 0.0, 0.0);
+        let (mut squares, mut inliers, mut relative, mut on_field) = (0.0, 0.0, 0.0, 0.0);
         for point in &image.points {
-            let [gx, gy] = self.correction.correct_point(&point.basis, [a, b]);
+            let [gx, gy] = self.model.ground(point, [a, b]);
+            let variance = MARKING_STD * MARKING_STD + self.model.variance(point);
             let (fx, fy) = (x + cos * gx - sin * gy, y + sin * gx + cos * gy);
-            if !(fx.is_finite() && fy.is_finite()) {
+            if !(fx.is_finite() && fy.is_finite() && variance.is_finite()) {
                 continue;
             }
-            let distance = f64::from(self.distances.nearest(fx as f32, fy as f32).signed_distance);
-            if distance * distance <= 9.0 * (point.variance + MARKING_STD * MARKING_STD) {
+            on_field += f64::from(u8::from(self.markings.is_on_field([fx, fy])));
+            let distance = f64::from(
+                self.markings
+                    .distances
+                    .nearest(fx as f32, fy as f32)
+                    .signed_distance,
+            );
+            if distance * distance <= 9.0 * (variance + MARKING_STD * MARKING_STD) {
                 squares += distance * distance;
-                relative += distance * distance / point.variance;
+                relative += distance * distance / variance;
                 inliers += 1.0;
             }
         }
         ImageFit {
             sum_squared: squares,
             inlier_count: inliers,
+            on_field_count: on_field,
             rms_px: 0.5 * (relative / f64::max(inliers, 1.0)).sqrt(),
         }
     }
+}
+
+/// Where a point of an upright robot's map lies on the ground with tilt (a, b) (docs/methods.md 3.3); NaN at the horizon.
+pub(super) fn tilt_ground_point(point: [f64; 2], tilt: [f64; 2], height: f64) -> [f64; 2] {
+    localize::tilt::ground_above_depth(point, tilt, height, 0.05 * height).unwrap_or([f64::NAN; 2])
 }

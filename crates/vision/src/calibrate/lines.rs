@@ -6,16 +6,19 @@
 
 use localize::frames::At;
 use localize::global_search::branch_and_bound::{BranchAndBound, BranchAndBoundConfig};
-use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
+use localize::matching::distance_field::DistanceField;
 use localize::matching::{MatchConfig, Matcher};
 use localize::sample::LinePoint;
 use localize::{Field, Pose};
+use rayon::prelude::*;
 
-use crate::calibrate::joint_fit::{CalibrationPoint, FitImage, JointFit};
-use crate::calibrate::map_correction::{BasisValues, MapCorrection};
+use crate::calibrate::joint_fit::{CORRECTION_SCHEDULE, FitImage, JointFit, Markings};
+use crate::calibrate::map_correction::{BasisValues, CorrectionPoint, MapCorrection};
 use crate::calibrate::{CalibrationError, ImageResidual};
 use crate::config::VisionConfig;
+use crate::error::VisionError;
 use crate::image::Image;
+use crate::lines::detection::LinePointDetection;
 use crate::optics::ground_map::GroundMap;
 use crate::process::Vision;
 use localize::robot::CameraConfig;
@@ -42,6 +45,8 @@ pub struct LinesCalibration {
     pub rms: f64,
     /// Fraction of the used images' points that lie on markings.
     pub inlier_share: f64,
+    /// As `inlier_share`, of the points inside the boundary lines: beside the field there is clutter.
+    pub on_field_share: f64,
 }
 
 /// Scales and powers of the initial search: a guess may be 30 % off and have the wrong curvature.
@@ -52,7 +57,7 @@ const POWERS: [f64; 3] = [-0.15, 0.0, 0.15];
 const POINTS_MIN: usize = 25;
 
 /// Fewest images that separate the map from the poses.
-const IMAGES_MIN: usize = 4;
+pub(super) const IMAGES_MIN: usize = 4;
 
 /// Most images used; more are subsampled evenly.
 const IMAGES_MAX: usize = 60;
@@ -70,28 +75,62 @@ pub fn calibrate_lines(
     images: &[NamedImage],
     vision_config: &VisionConfig,
 ) -> Result<LinesCalibration, CalibrationError> {
+    // The second round detects lines with the corrected map: widths are correct and reject no valid point.
+    fit_rounds(camera, start, field, images, vision_config, &[true, false])
+}
+
+/// As [`calibrate_lines`], from a map that is already good to a few percent.
+pub(super) fn refine_map(
+    camera: &CameraConfig,
+    start: &GroundMap,
+    field: &Field,
+    images: &[NamedImage],
+    vision_config: &VisionConfig,
+) -> Result<LinesCalibration, CalibrationError> {
+    fit_rounds(camera, start, field, images, vision_config, &[false, false])
+}
+
+/// One joint fit per round; true: the map is a guess.
+fn fit_rounds(
+    camera: &CameraConfig,
+    start: &GroundMap,
+    field: &Field,
+    images: &[NamedImage],
+    vision_config: &VisionConfig,
+    rounds: &[bool],
+) -> Result<LinesCalibration, CalibrationError> {
     let height = f64::from(vision_config.objects.viewpoint_height);
-    let distances = DistanceField::new(field, &DistanceFieldConfig::default());
+    let markings = Markings::new(field);
     let mut map = start.clone();
     let mut result = None;
-    // The second round detects lines with the corrected map: widths are correct and reject no valid point.
-    for round in 0..2 {
+    for &is_guess in rounds {
         let image_points =
-            detect_line_points(camera, &map, field, images, vision_config, round == 0)?;
-        let initial = search_initial_poses(field, &distances, &image_points, height, round == 0);
-        let mut fit = JointFit::new(&distances, initial.0);
-        fit.images = initial.1;
-        fit.optimize();
-        map = fit.correction.correct_map(&map);
-        result = Some(summarize_fit(map.clone(), images, &fit)?);
+            detect_line_points(camera, &map, field, images, vision_config, is_guess)?;
+        let (correction, fit_images) =
+            search_initial_poses(field, &markings.distances, &image_points, height, is_guess);
+        let mut fit = JointFit::new(&markings, correction, fit_images);
+        fit.optimize(&CORRECTION_SCHEDULE);
+        map = fit.model.correct_map(&map);
+        result = Some(summarize_fit(map.clone(), images, &image_points, &fit)?);
     }
     result.ok_or_else(|| CalibrationError::NoConvergence("no round was run".into()))
+}
+
+/// A line point of one image, metres.
+#[derive(Debug, Clone, Copy)]
+struct CalibrationPoint {
+    /// Its ground point in the start map, robot frame.
+    start: [f64; 2],
+    std_radial: f64,
+    std_tangential: f64,
 }
 
 /// Line points of one image in the initial map.
 struct ImageLinePoints {
     index: usize,
     points: Vec<CalibrationPoint>,
+    /// Reason for having none.
+    refused: Option<String>,
 }
 
 fn detect_line_points(
@@ -112,30 +151,44 @@ fn detect_line_points(
         let name = name.to_owned();
         move |source| CalibrationError::Image { name, source }
     };
-    let mut vision = Vision::new(map, camera, field.config.line_width, config)
+    let vision = Vision::new(map, camera, field.config.line_width, config)
         .map_err(named("the initial map"))?;
     let step = images.len().div_ceil(IMAGES_MAX).max(1);
-    let mut image_points = Vec::new();
-    for (index, image) in images.iter().enumerate().step_by(step) {
-        vision.reset_colour_model();
-        let found = vision
-            .process(&image.image.view())
-            .map_err(named(&image.name))?;
-        let points = found
-            .line_points
-            .iter()
-            .map(|detection| {
-                let point = &detection.point;
-                CalibrationPoint {
-                    start: [f64::from(point.at.x), f64::from(point.at.y)],
-                    std_radial: f64::from(point.std_radial),
-                    std_tangential: f64::from(point.std_tangential),
-                }
-            })
-            .collect();
-        image_points.push(ImageLinePoints { index, points });
+    let sampled: Vec<usize> = (0..images.len()).step_by(step).collect();
+    sampled
+        .into_par_iter()
+        .map_init(
+            || vision.clone(),
+            |vision, index| {
+                let image = &images[index];
+                vision.reset_colour_model();
+                let (points, refused) = match vision.process_lines(&image.image.view()) {
+                    Ok(found) => (
+                        found.line_points.iter().map(calibration_point).collect(),
+                        None,
+                    ),
+                    Err(error @ VisionError::ImageSize { .. }) => {
+                        return Err(named(&image.name)(error));
+                    }
+                    Err(error) => (Vec::new(), Some(error.to_string())),
+                };
+                Ok(ImageLinePoints {
+                    index,
+                    points,
+                    refused,
+                })
+            },
+        )
+        .collect()
+}
+
+fn calibration_point(detection: &LinePointDetection) -> CalibrationPoint {
+    let point = &detection.point;
+    CalibrationPoint {
+        start: [f64::from(point.at.x), f64::from(point.at.y)],
+        std_radial: f64::from(point.std_radial),
+        std_tangential: f64::from(point.std_tangential),
     }
-    Ok(image_points)
 }
 
 /// The scale with the best total score, and each image's pose under it.
@@ -145,7 +198,7 @@ fn search_initial_poses(
     image_points: &[ImageLinePoints],
     height: f64,
     is_guess: bool,
-) -> (MapCorrection, Vec<FitImage>) {
+) -> (MapCorrection, Vec<FitImage<CorrectionPoint>>) {
     let mut search = BranchAndBound::new(field, distances, BranchAndBoundConfig::default());
     // A guess is off by more than a tilt could compensate: assume upright images.
     let mut matcher = Matcher::new(MatchConfig {
@@ -190,7 +243,12 @@ fn search_initial_poses(
         .iter()
         .zip(poses)
         .filter(|(image, _)| image.points.len() >= POINTS_MIN)
-        .filter_map(|(image, pose)| Some(FitImage::new(image.index, &image.points, pose?)))
+        .filter_map(|(image, pose)| {
+            let points = image.points.iter().map(|point| {
+                CorrectionPoint::new(point.start, point.std_radial, point.std_tangential)
+            });
+            Some(FitImage::new(image.index, points.collect(), pose?))
+        })
         .collect();
     (correction, images)
 }
@@ -198,7 +256,8 @@ fn search_initial_poses(
 fn summarize_fit(
     map: GroundMap,
     images: &[NamedImage],
-    fit: &JointFit<'_>,
+    image_points: &[ImageLinePoints],
+    fit: &JointFit<'_, MapCorrection>,
 ) -> Result<LinesCalibration, CalibrationError> {
     let mut residuals: Vec<ImageResidual> = images
         .iter()
@@ -206,11 +265,23 @@ fn summarize_fit(
             name: image.name.clone(),
             points: 0,
             rms_px: f64::NAN,
-            left_out: Some("too few line points, or not sampled".into()),
+            left_out: Some(format!("not needed: {IMAGES_MAX} images suffice")),
         })
         .collect();
+    for image in image_points {
+        let residual = &mut residuals[image.index];
+        residual.points = image.points.len();
+        residual.left_out = Some(match &image.refused {
+            Some(reason) => reason.clone(),
+            None => format!(
+                "too few line points: {} (expected at least {POINTS_MIN})",
+                image.points.len()
+            ),
+        });
+    }
     let mut poses = vec![None; images.len()];
     let (mut squares, mut inliers, mut points, mut used) = (0.0, 0.0, 0.0, 0);
+    let mut on_field = 0.0;
     for image in &fit.images {
         let evaluation = fit.evaluate(image);
         let residual = &mut residuals[image.index];
@@ -224,6 +295,7 @@ fn summarize_fit(
             poses[image.index] = Some(image.pose());
             squares += evaluation.sum_squared;
             inliers += evaluation.inlier_count;
+            on_field += evaluation.on_field_count;
             points += image.points.len() as f64;
         }
     }
@@ -246,5 +318,6 @@ fn summarize_fit(
         poses,
         rms: (squares / f64::max(inliers, 1.0)).sqrt(),
         inlier_share: inliers / f64::max(points, 1.0),
+        on_field_share: (inliers / f64::max(on_field, 1.0)).min(1.0),
     })
 }

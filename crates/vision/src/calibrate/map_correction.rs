@@ -2,20 +2,21 @@
 
 use localize::math;
 
+use crate::calibrate::joint_fit::{MapModel, PriorTerm, tilt_ground_point};
 use crate::optics::ground_map::GroundMap;
 
 /// Knots are uniform in asinh(range / 1 m): linear near the robot, logarithmic far away.
 const KNOT_STEP: f64 = 0.4;
 
 /// Number of cubic B-splines over 0 to 12 m.
-pub(super) const SPLINE_COUNT: usize = 11;
+const SPLINE_COUNT: usize = 11;
 
 /// Harmonics of the bearing: 1, cos φ, sin φ, cos 2φ, sin 2φ for the range; the last four for the bearing.
 const RANGE_HARMONICS: usize = 5;
 const BEARING_HARMONICS: usize = 4;
 
 /// Parameters of a correction: splines times harmonics, then the tilt (a, b).
-pub(super) const PARAMETER_COUNT: usize = SPLINE_COUNT * (RANGE_HARMONICS + BEARING_HARMONICS) + 2;
+const PARAMETER_COUNT: usize = SPLINE_COUNT * (RANGE_HARMONICS + BEARING_HARMONICS) + 2;
 
 /// Index of the tilt's first parameter.
 const TILT_INDEX: usize = PARAMETER_COUNT - 2;
@@ -23,16 +24,26 @@ const TILT_INDEX: usize = PARAMETER_COUNT - 2;
 /// A correction of an initial map: log range, bearing, tilt.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct MapCorrection {
-    pub(super) parameters: Vec<f64>,
+    parameters: Vec<f64>,
     /// Height of the viewpoint above the ground, metres.
     pub(super) viewpoint_height: f64,
 }
 
-/// A square to be added to the cost: `weight` × (row · parameters)².
-pub(super) struct PriorTerm {
-    pub(super) weight: f64,
-    /// Index of a parameter and its coefficient.
-    pub(super) row: Vec<(usize, f64)>,
+/// A line point of the initial map.
+#[derive(Debug, Clone)]
+pub(super) struct CorrectionPoint {
+    basis: BasisValues,
+    variance: f64,
+}
+
+impl CorrectionPoint {
+    /// `start`: its ground in the initial map, robot frame; standard deviations along and across the radius, metres.
+    pub(super) fn new(start: [f64; 2], std_radial: f64, std_tangential: f64) -> Self {
+        CorrectionPoint {
+            basis: BasisValues::new(start),
+            variance: 0.5 * (std_radial * std_radial + std_tangential * std_tangential),
+        }
+    }
 }
 
 /// Polar coordinates and basis functions of a point of the initial map.
@@ -66,7 +77,7 @@ impl BasisValues {
     }
 
     /// Calls with (parameter's index, value of its basis function, true if it corrects the bearing).
-    pub(super) fn for_each(&self, mut with: impl FnMut(usize, f64, bool)) {
+    fn for_each(&self, mut with: impl FnMut(usize, f64, bool)) {
         for (k, spline) in self.splines.iter().enumerate() {
             for (h, harmonic) in self.harmonics.iter().enumerate() {
                 with(h * SPLINE_COUNT + self.first + k, spline * harmonic, false);
@@ -125,69 +136,6 @@ impl MapCorrection {
         tilt_ground_point([range * cos, range * sin], tilt, self.viewpoint_height)
     }
 
-    /// The corrected point and its derivatives by log range, bearing and tilt (a, b).
-    pub(super) fn jacobian(
-        &self,
-        basis: &BasisValues,
-        tilt: [f64; 2],
-    ) -> ([f64; 2], [[f64; 2]; 4]) {
-        const STEP: f64 = 1e-5;
-        let [shift, rotation] = self.evaluate(basis);
-        let here = self.apply_shift(basis, [shift, rotation], tilt);
-        let by = |moved: [f64; 2]| [0, 1].map(|i| (moved[i] - here[i]) / STEP);
-        let derivatives = [
-            by(self.apply_shift(basis, [shift + STEP, rotation], tilt)),
-            by(self.apply_shift(basis, [shift, rotation + STEP], tilt)),
-            by(self.apply_shift(basis, [shift, rotation], [tilt[0] + STEP, tilt[1]])),
-            by(self.apply_shift(basis, [shift, rotation], [tilt[0], tilt[1] + STEP])),
-        ];
-        (here, derivatives)
-    }
-
-    /// Appends to a gradient row: derivatives by log range, bearing and tilt, chained to the parameters.
-    pub(super) fn append_jacobian(basis: &BasisValues, by: [f64; 4], row: &mut Vec<(usize, f64)>) {
-        basis.for_each(|number, value, bearing| {
-            row.push((number, value * by[usize::from(bearing)]))
-        });
-        row.push((TILT_INDEX, by[2]));
-        row.push((TILT_INDEX + 1, by[3]));
-    }
-
-    /// Weak priors: a correction is small and smooth.
-    pub(super) fn prior_terms() -> Vec<PriorTerm> {
-        let mut terms = Vec::new();
-        for group in 0..RANGE_HARMONICS + BEARING_HARMONICS {
-            // A guess may be 30 % off in range; over the bearing the tilt explains most, and a few percent remain.
-            let (value, bend) = match group {
-                0 => (0.3, 0.06),
-                g if g < RANGE_HARMONICS => (0.02, 0.005),
-                _ => (0.01, 0.003),
-            };
-            for k in 0..SPLINE_COUNT {
-                let number = group * SPLINE_COUNT + k;
-                terms.push(PriorTerm {
-                    weight: 1.0 / (value * value),
-                    row: vec![(number, 1.0)],
-                });
-                if k >= 2 {
-                    let row = vec![(number - 2, 1.0), (number - 1, -2.0), (number, 1.0)];
-                    terms.push(PriorTerm {
-                        weight: 1.0 / (bend * bend),
-                        row,
-                    });
-                }
-            }
-        }
-        let tilt_std = 4f64.to_radians();
-        for index in [TILT_INDEX, TILT_INDEX + 1] {
-            terms.push(PriorTerm {
-                weight: 1.0 / (tilt_std * tilt_std),
-                row: vec![(index, 1.0)],
-            });
-        }
-        terms
-    }
-
     /// Corrects the initial map.
     pub(super) fn correct_map(&self, start: &GroundMap) -> GroundMap {
         let mut map = start.clone();
@@ -207,7 +155,90 @@ impl MapCorrection {
     }
 }
 
-/// Where a point of an upright robot's map lies on the ground with tilt (a, b) (docs/methods.md 3.3); NaN at the horizon.
-fn tilt_ground_point(point: [f64; 2], tilt: [f64; 2], height: f64) -> [f64; 2] {
-    localize::tilt::ground_above_depth(point, tilt, height, 0.05 * height).unwrap_or([f64::NAN; 2])
+impl MapModel for MapCorrection {
+    type Point = CorrectionPoint;
+
+    fn parameter_count(&self) -> usize {
+        PARAMETER_COUNT
+    }
+
+    fn parameters(&self) -> &[f64] {
+        &self.parameters
+    }
+
+    fn parameters_mut(&mut self) -> &mut [f64] {
+        &mut self.parameters
+    }
+
+    fn ground(&self, point: &CorrectionPoint, image_tilt: [f64; 2]) -> [f64; 2] {
+        self.correct_point(&point.basis, image_tilt)
+    }
+
+    fn variance(&self, point: &CorrectionPoint) -> f64 {
+        point.variance
+    }
+
+    fn linearize(
+        &self,
+        point: &CorrectionPoint,
+        tilt: [f64; 2],
+        row: &mut Vec<(usize, [f64; 2])>,
+    ) -> ([f64; 2], [[f64; 2]; 2]) {
+        const STEP: f64 = 1e-5;
+        let basis = &point.basis;
+        let [shift, rotation] = self.evaluate(basis);
+        let here = self.apply_shift(basis, [shift, rotation], tilt);
+        let by = |moved: [f64; 2]| [0, 1].map(|i| (moved[i] - here[i]) / STEP);
+        let by_shift = by(self.apply_shift(basis, [shift + STEP, rotation], tilt));
+        let by_rotation = by(self.apply_shift(basis, [shift, rotation + STEP], tilt));
+        let by_tilt = [
+            by(self.apply_shift(basis, [shift, rotation], [tilt[0] + STEP, tilt[1]])),
+            by(self.apply_shift(basis, [shift, rotation], [tilt[0], tilt[1] + STEP])),
+        ];
+        basis.for_each(|number, value, bearing| {
+            let by = if bearing { by_rotation } else { by_shift };
+            row.push((number, by.map(|axis| value * axis)));
+        });
+        row.push((TILT_INDEX, by_tilt[0]));
+        row.push((TILT_INDEX + 1, by_tilt[1]));
+        (here, by_tilt)
+    }
+
+    /// Weak priors: a correction is small and smooth.
+    fn prior_terms(&self) -> Vec<PriorTerm> {
+        let mut terms = Vec::new();
+        for group in 0..RANGE_HARMONICS + BEARING_HARMONICS {
+            // A guess may be 30 % off in range; over the bearing the tilt explains most, and a few percent remain.
+            let (value, bend) = match group {
+                0 => (0.3, 0.06),
+                g if g < RANGE_HARMONICS => (0.02, 0.005),
+                _ => (0.01, 0.003),
+            };
+            for k in 0..SPLINE_COUNT {
+                let number = group * SPLINE_COUNT + k;
+                terms.push(PriorTerm {
+                    weight: 1.0 / (value * value),
+                    target: 0.0,
+                    row: vec![(number, 1.0)],
+                });
+                if k >= 2 {
+                    let row = vec![(number - 2, 1.0), (number - 1, -2.0), (number, 1.0)];
+                    terms.push(PriorTerm {
+                        weight: 1.0 / (bend * bend),
+                        target: 0.0,
+                        row,
+                    });
+                }
+            }
+        }
+        let tilt_std = 4f64.to_radians();
+        for index in [TILT_INDEX, TILT_INDEX + 1] {
+            terms.push(PriorTerm {
+                weight: 1.0 / (tilt_std * tilt_std),
+                target: 0.0,
+                row: vec![(index, 1.0)],
+            });
+        }
+        terms
+    }
 }

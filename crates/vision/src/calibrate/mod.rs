@@ -2,21 +2,31 @@
 
 pub mod apparent_size;
 pub mod colours;
+mod halves;
 mod joint_fit;
+mod line_pixels;
 pub mod lines;
+mod map_alignment;
 mod map_correction;
 pub mod mask;
+mod mirror_search;
 pub mod mount_fit;
 mod polar_map;
+mod radial_model;
+pub mod rim;
 pub mod strip;
 mod strip_edges;
+pub mod unknown_mirror;
 
 pub use apparent_size::{SizeBin, SizeCalibration, calibrate_sizes};
 pub use colours::{LearnedColours, learn_colours};
+pub use halves::Disagreement;
 pub use lines::{LinesCalibration, NamedImage, calibrate_lines};
 pub use mask::calibrate_mask;
 pub use mount_fit::{MountFit, fit_mount};
+pub use rim::{Rim, RimError, find_rim};
 pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
+pub use unknown_mirror::{UnknownMirror, calibrate_unknown_mirror};
 
 /// A ground point with its image position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,6 +78,31 @@ pub enum CalibrationError {
     /// The fit does not converge.
     #[error("the fit does not converge: {0}")]
     NoConvergence(String),
+    /// The images do not decide between several maps.
+    #[error("the images do not decide the map: {0}")]
+    Undecided(String),
+    /// The images show another field.
+    #[error(
+        "the images do not show this field: {share_percent} % of the line points on it lie on markings. {hint}"
+    )]
+    WrongField {
+        /// Share of the line points on the field that lie on markings, percent.
+        share_percent: u32,
+        /// The field that fits better, or what to check.
+        hint: String,
+    },
+    /// The images come from two cameras.
+    #[error(
+        "the images come from two cameras. Calibrate each by itself. First: {}. Second: {}",
+        first.join(", "),
+        second.join(", ")
+    )]
+    TwoCameras {
+        /// Images of the camera with more images.
+        first: Vec<String>,
+        /// The others that one map explains.
+        second: Vec<String>,
+    },
     /// The mirror cannot be traced.
     #[error(transparent)]
     Optics(#[from] crate::optics::ray_tracing::OpticsError),

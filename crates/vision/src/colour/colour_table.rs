@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use crate::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use crate::error::VisionError;
 use crate::image::{Image, rgb_to_yuv};
+use crate::output_file::write_file;
 
 /// Channels that a table depends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -229,9 +230,7 @@ impl ColourTable {
             path: path.to_owned(),
             reason: error.to_string(),
         };
-        let partial = path.with_extension("part");
-        std::fs::write(&partial, self.to_bytes()).map_err(refuse)?;
-        std::fs::rename(&partial, path).map_err(refuse)
+        write_file(path, self.to_bytes()).map_err(refuse)
     }
 
     /// Reads a table. Errors on another version or a truncated file.

@@ -37,6 +37,16 @@ pub struct AutoExposure {
     levels: Vec<u8>,
 }
 
+/// Images after the usual delay of a command until what the camera reports is taken as its result.
+const ARRIVAL_FRAMES_MAX: u64 = 8;
+/// Levels outside this range are too clipped to estimate the response.
+pub(super) const VALID_LEVELS: std::ops::RangeInclusive<f32> = 6.0..=235.0;
+/// Commands with a smaller change of the logarithm of the light are not checked: a change of the light could hide them.
+const CHECKED_CHANGE_MIN: f32 = 0.5;
+/// Smallest effect of a command on the logarithm of the level, per change of the light: half of the flattest response.
+const EFFECT_MIN: f32 = 0.17;
+/// Smallest change of the logarithm of the light that is taken as a new setting, not as rounding by the camera.
+const REPORTED_CHANGE_MIN: f32 = 0.02;
 /// Initial `response`, between a linear camera and the usual gamma, so that the first step overshoots with neither.
 const INITIAL_RESPONSE: f32 = 0.65;
 /// Pixels read of the centre and of the scene: enough for statistics, read in 20 µs.
@@ -119,29 +129,66 @@ impl AutoExposure {
         })
     }
 
+    /// Takes over what another control knows about the camera, so that settings can change without a search.
+    pub fn continue_from(&mut self, other: &AutoExposure) {
+        self.image_index = other.image_index;
+        self.setting = other.setting;
+        self.pending = other.pending;
+        self.reference_level = other.reference_level;
+        self.search_steps = other.search_steps;
+        self.target_level = other.target_level;
+        self.last_step = other.last_step;
+        self.response = other.response;
+        self.warned = other.warned;
+    }
+
     /// Call with every image, in order; measures every `check_every`-th, and more often during a search.
     ///
-    /// None if the image was not measured or has another size.
-    pub fn process(&mut self, image: &ImageView<'_>) -> Option<ExposureStatus> {
+    /// `reported`: the setting with which the image was taken, if the camera reports it. Without it, a command takes
+    /// effect after the camera's usual delay. None if the image was not measured or has another size.
+    pub fn process(
+        &mut self,
+        image: &ImageView<'_>,
+        reported: Option<CameraSetting>,
+    ) -> Option<ExposureStatus> {
         let image_index = self.image_index;
         self.image_index += 1;
+        let reported = reported.filter(|setting| {
+            let light = self.camera.map(|control| control.light(*setting));
+            light.is_some_and(|light| light.is_finite() && light > 0.0)
+        });
         let arrived = self
             .pending
-            .filter(|(command, _)| image_index >= command.from_frame);
+            .filter(|(command, _)| self.has_arrived(command, image_index, reported));
         let waiting = self.pending.is_some() && arrived.is_none();
+        // Someone else set the camera, or it starts with another setting.
+        let other_setting = reported.filter(|reported| {
+            self.pending.is_none()
+                && math::ln(self.light_ratio(*reported)).abs() > REPORTED_CHANGE_MIN
+        });
         let searching = self.camera.is_some() && self.reference_level.is_none();
         let due = image_index.is_multiple_of(self.config.check_every.max(1));
-        if !self.config.enabled || waiting || !(due || searching || arrived.is_some()) {
+        let changed = arrived.is_some() || other_setting.is_some();
+        if !self.config.enabled || waiting || !(due || searching || changed) {
             return None;
         }
         let level = self.level(image)?;
         let mut light_jumped = false;
-        if let (Some((command, before)), Some(control)) = (arrived, &self.camera) {
-            let ratio = control.light(command.setting) / control.light(self.setting);
+        if let Some((command, before)) = arrived {
+            let setting = reported.unwrap_or(command.setting);
+            let ratio = self.light_ratio(setting);
+            let is_last_chance = image_index >= command.from_frame + ARRIVAL_FRAMES_MAX;
+            if !is_last_chance && !shows_effect(before, level, ratio) {
+                return None;
+            }
             light_jumped = math::ln(ratio).abs() > self.config.brightness_change_min;
-            self.setting = command.setting;
+            self.setting = setting;
             self.update_response(before, level, ratio);
             self.pending = None;
+        } else if let Some(setting) = other_setting {
+            light_jumped =
+                math::ln(self.light_ratio(setting)).abs() > self.config.brightness_change_min;
+            self.setting = setting;
         }
         let histogram = Histogram::from_pixels(image, &self.scene_pixels);
         let mut status = ExposureStatus {
@@ -173,6 +220,30 @@ impl AutoExposure {
         Some(status)
     }
 
+    /// Light of a setting over that of the present one; 1 without control.
+    fn light_ratio(&self, setting: CameraSetting) -> f32 {
+        self.camera.map_or(1.0, |control| {
+            control.light(setting) / control.light(self.setting)
+        })
+    }
+
+    /// True if an image was taken with the commanded setting: its reported one is nearer to the command than to the
+    /// setting before. A camera that never gets there is limited; what it reports is then taken as the result.
+    fn has_arrived(
+        &self,
+        command: &ExposureCommand,
+        image_index: u64,
+        reported: Option<CameraSetting>,
+    ) -> bool {
+        let Some(reported) = reported else {
+            return image_index >= command.from_frame;
+        };
+        let taken = math::ln(self.light_ratio(reported));
+        let commanded = math::ln(self.light_ratio(command.setting));
+        (taken - commanded).abs() < taken.abs()
+            || image_index >= command.from_frame + ARRIVAL_FRAMES_MAX
+    }
+
     /// Interquartile mean of the centre's brightness, of 255: robust to objects that cross it.
     fn level(&mut self, image: &ImageView<'_>) -> Option<f32> {
         let inside =
@@ -192,6 +263,15 @@ impl AutoExposure {
         let sum: u32 = middle.iter().map(|&level| u32::from(level)).sum();
         Some(sum as f32 / middle.len().max(1) as f32)
     }
+}
+
+/// False if a large command should have changed the level and has not: the image was taken before it took effect, whatever
+/// the camera's delay or report. Without this the control would answer a missing effect by an even larger command.
+fn shows_effect(before: f32, level: f32, ratio: f32) -> bool {
+    let (commanded, observed) = (math::ln(ratio), math::ln(level.max(1.0) / before.max(1.0)));
+    let is_small = commanded.abs() < CHECKED_CHANGE_MIN;
+    let is_clipped = !VALID_LEVELS.contains(&before);
+    is_small || is_clipped || observed * commanded.signum() > EFFECT_MIN * commanded.abs()
 }
 
 /// Every n-th pixel, so that at least `count_min` remain.

@@ -4,15 +4,13 @@ use localize::math;
 use localize::robot::CameraControl;
 
 use crate::exposure::ExposureCommand;
-use crate::exposure::auto_exposure::AutoExposure;
+use crate::exposure::auto_exposure::{AutoExposure, VALID_LEVELS};
 use crate::exposure::histogram::Histogram;
 
 /// Plausible exponents of the camera's response.
 const RESPONSE_RANGE: std::ops::RangeInclusive<f32> = 0.35..=1.1;
 /// The search ends after this many commands, since the light keeps changing.
 const SEARCH_STEPS_MAX: u32 = 8;
-/// Levels outside this range are too clipped to estimate the response.
-const VALID_LEVELS: std::ops::RangeInclusive<f32> = 6.0..=235.0;
 
 impl AutoExposure {
     /// One iteration of the search. None if the present setting is the best by this image's histogram.

@@ -99,7 +99,7 @@ fn simulate_exposure(
         }
         let taken = control.light(setting) * light(index);
         lights.push(taken);
-        let status = auto_exposure.process(&synthetic_image(taken, gamma, index).view());
+        let status = auto_exposure.process(&synthetic_image(taken, gamma, index).view(), None);
         commands.extend(status.and_then(|status| status.command));
     }
     (lights, auto_exposure)
@@ -120,6 +120,73 @@ fn exposure_settles_within_10_images_after_a_light_step() {
             );
             assert!(auto_exposure.reference_level.is_some(), "still searching");
         }
+    }
+}
+
+#[test]
+fn reported_settings_replace_assumed_delays_limits_and_starting_values() {
+    let control = control();
+    let config = AutoExposureConfig::default();
+    let mut auto_exposure =
+        AutoExposure::new(&map(), &camera(), None, Some(control), &config).expect("a control");
+    // The camera starts at half the configured light, needs 5 images for a command and cannot exceed 3 times the light.
+    let mut setting = control.setting(0.5 * control.light(auto_exposure.setting));
+    let mut commands: Vec<(usize, ExposureCommand)> = Vec::new();
+    let limit = 3.0 * control.light(auto_exposure.setting);
+    let (mut levels, mut late_commands) = (Vec::new(), 0);
+    for index in 0..200 {
+        for (_, command) in commands.iter().filter(|(at, _)| at + 5 == index) {
+            setting = control.setting(control.light(command.setting).min(limit));
+        }
+        let light = if index < 60 { 1.0 } else { 0.05 };
+        let taken = control.light(setting) * light;
+        levels.push(taken);
+        let image = synthetic_image(taken, 0.45, index);
+        let status = auto_exposure.process(&image.view(), Some(setting));
+        if let Some(status) = status {
+            assert_eq!(status.applied_setting, Some(setting), "image {index}");
+            late_commands += usize::from(index > 180 && status.command.is_some());
+            commands.extend(status.command.map(|command| (index, command)));
+        }
+    }
+    // At its limit the camera gives what it can, and the search ends.
+    assert!(
+        (control.light(setting) / limit - 1.0).abs() < 1e-3,
+        "{levels:?}"
+    );
+    assert!(auto_exposure.reference_level.is_some() && late_commands == 0);
+}
+
+#[test]
+fn settings_that_are_reported_too_early_do_not_make_the_control_run_away() {
+    let control = control();
+    let config = AutoExposureConfig::default();
+    for images_early in [1, 2, 4] {
+        let mut auto_exposure =
+            AutoExposure::new(&map(), &camera(), None, Some(control), &config).expect("a control");
+        let (mut reported, mut in_force) = (auto_exposure.setting, auto_exposure.setting);
+        let mut changes: Vec<(usize, ExposureCommand)> = Vec::new();
+        let mut lights = Vec::new();
+        for index in 0..120 {
+            for (at, command) in &changes {
+                if at + 1 == index {
+                    reported = command.setting;
+                }
+                if at + 1 + images_early == index {
+                    in_force = command.setting;
+                }
+            }
+            let taken = control.light(in_force) * if index < 60 { 1.0 } else { 0.25 };
+            lights.push(taken);
+            let image = synthetic_image(taken, 0.45, index);
+            let status = auto_exposure.process(&image.view(), Some(reported));
+            let command = status.and_then(|status| status.command);
+            changes.extend(command.map(|command| (index, command)));
+        }
+        let worst = lights[..59].iter().chain(&lights[90..]);
+        let worst = worst.fold(0.0f32, |worst, light| worst.max(light / lights[59]));
+        assert!(worst < 1.6, "{images_early} images early: {lights:?}");
+        assert!((lights[119] / lights[59]).ln().abs() < 0.35, "{lights:?}");
     }
 }
 
@@ -151,7 +218,7 @@ fn light_change_without_control_warns_once() {
     let mut warnings = 0;
     for index in 0..60 {
         let light = if index < 20 { 1.0 } else { 0.3 };
-        let status = auto_exposure.process(&synthetic_image(light, 0.45, index).view());
+        let status = auto_exposure.process(&synthetic_image(light, 0.45, index).view(), None);
         warnings += status.map_or(0, |status| {
             assert!(status.command.is_none());
             usize::from(status.warning)

@@ -1,4 +1,4 @@
-//! Two small networks per kind of object, trained by `py/training/train_objects.py` (docs/methods.md 4.8).
+//! Two small networks per kind of object, trained by `py/training/train_objects.py` (docs/methods.md 4.9).
 //!
 //! The coarse network ranks the many places that the candidate search leaves. The convolution network judges the best of
 //! them by their pixels. Plain loops of fixed size let the compiler use vector instructions, and sums run in one order,

@@ -2,7 +2,7 @@
 //!
 //! Rows lead away from the robot and columns lie across. A step is a fraction of the ball, or a fixed length at an
 //! obstacle's foot. Colours are logarithmic and relative to the floor before the candidate, so exposure, colour cast and
-//! the carpet's colour cancel (docs/methods.md 4.8). `py/training/patches.py` samples the same patches for training.
+//! the carpet's colour cancel (docs/methods.md 4.9). `py/training/patches.py` samples the same patches for training.
 
 use std::sync::LazyLock;
 

@@ -1,13 +1,19 @@
 //! The ground map: for each pixel its ground point, traced from a mirror profile or calibrated.
 
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Cursor, Seek, Write};
+use std::io::{BufReader, Cursor, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use localize::frames::{At, RobotFrame};
 use localize::math;
-use npyz::npz::{NpzArchive, NpzWriter};
+use npyz::npz::{NpzArchive, NpzWriter, file_name_from_array_name};
 use npyz::{NpyFile, WriterBuilder};
+
+use crate::image::PIXELS_MAX;
+use crate::output_file::OutputFile;
+
+/// Largest array of a map with its header, bytes.
+const BYTES_MAX: u64 = 4 * PIXELS_MAX as u64 + 65_536;
 
 /// Pixel → ground point in the robot frame, for an upright robot.
 ///
@@ -112,24 +118,26 @@ impl GroundMap {
 
     /// Reads `x_m` and `y_m` (float32, rows × columns) from an npz archive.
     pub fn load(path: &Path) -> Result<Self, GroundMapError> {
+        Self::load_array_pair(path, None)
+    }
+
+    /// As [`GroundMap::load`] for a camera of that many columns and rows. Another size is refused before its arrays are read.
+    pub fn load_for_camera(
+        path: &Path,
+        [width_px, height_px]: [usize; 2],
+    ) -> Result<Self, GroundMapError> {
+        Self::load_array_pair(path, Some([height_px, width_px]))
+    }
+
+    fn load_array_pair(path: &Path, shape: Option<[usize; 2]>) -> Result<Self, GroundMapError> {
         let file = |source| GroundMapError::File {
             path: path.to_owned(),
             source,
         };
         let mut archive =
             NpzArchive::new(BufReader::new(File::open(path).map_err(file)?)).map_err(file)?;
-        let (x, [height_px, width_px]) = read_array(&mut archive, path, "x_m")?;
-        let (y, shape) = read_array(&mut archive, path, "y_m")?;
-        if shape != [height_px, width_px] {
-            let reason = format!(
-                "shapes differ: x_m is {height_px} × {width_px}, y_m is {} × {}",
-                shape[0], shape[1]
-            );
-            return Err(GroundMapError::Content {
-                path: path.to_owned(),
-                reason,
-            });
-        }
+        let (x, shape) = read_array(&mut archive, path, "x_m", shape)?;
+        let (y, [height_px, width_px]) = read_array(&mut archive, path, "y_m", Some(shape))?;
         Ok(GroundMap {
             width_px,
             height_px,
@@ -144,10 +152,9 @@ impl GroundMap {
             path: path.to_owned(),
             source,
         };
-        let partial = path.with_extension("npz.part");
-        self.write_npz(BufWriter::new(File::create(&partial).map_err(file)?))
-            .map_err(file)?;
-        std::fs::rename(&partial, path).map_err(file)
+        let mut output = OutputFile::create(path).map_err(file)?;
+        self.write_npz(&mut output).map_err(file)?;
+        output.finish().map_err(file)
     }
 
     /// The npz archive as bytes, for a log's attachment.
@@ -176,16 +183,19 @@ fn read_array(
     archive: &mut NpzArchive<BufReader<File>>,
     path: &Path,
     name: &str,
+    expected: Option<[usize; 2]>,
 ) -> Result<(Vec<f32>, [usize; 2]), GroundMapError> {
     let content = |reason: String| GroundMapError::Content {
         path: path.to_owned(),
         reason,
     };
-    let found: Option<NpyFile<_>> = archive
-        .by_name(name)
-        .map_err(|error| content(format!("{name}: {error}")))?;
+    let entry = archive
+        .zip_archive()
+        .by_name(&file_name_from_array_name(name))
+        .map_err(|error| content(format!("{name}: {error} (expected arrays x_m and y_m)")))?;
+    // An archive may unpack to far more than its size.
     let found =
-        found.ok_or_else(|| content(format!("missing array: {name} (expected x_m and y_m)")))?;
+        NpyFile::new(entry.take(BYTES_MAX)).map_err(|error| content(format!("{name}: {error}")))?;
     let &[rows, columns] = found.shape() else {
         return Err(content(format!(
             "wrong shape of {name}: {} dimensions (expected rows × columns)",
@@ -197,10 +207,23 @@ fn read_array(
             "wrong order of {name}: column by column (expected row by row)"
         )));
     }
+    let pixels = rows.saturating_mul(columns);
+    if pixels > PIXELS_MAX as u64 {
+        return Err(content(format!(
+            "{name} is too large: {rows} × {columns} (expected at most {PIXELS_MAX} pixels)"
+        )));
+    }
+    let shape = [rows as usize, columns as usize];
+    if let Some(expected) = expected.filter(|expected| *expected != shape) {
+        return Err(content(format!(
+            "wrong shape of {name}: {rows} × {columns} (expected {} × {} rows × columns)",
+            expected[0], expected[1]
+        )));
+    }
     let values = found
         .into_vec::<f32>()
         .map_err(|error| content(format!("{name}: {error} (expected float32)")))?;
-    Ok((values, [rows as usize, columns as usize]))
+    Ok((values, shape))
 }
 
 #[cfg(test)]
@@ -225,6 +248,12 @@ mod tests {
         for (a, b) in map.x.iter().chain(&map.y).zip(back.x.iter().chain(&back.y)) {
             assert_eq!(a.to_bits(), b.to_bits());
         }
+        assert!(GroundMap::load_for_camera(&path, [3, 2]).is_ok());
+        let error = GroundMap::load_for_camera(&path, [2, 3]).expect_err("another camera");
+        assert!(
+            error.to_string().contains("wrong shape of x_m: 2 × 3"),
+            "{error}"
+        );
         assert_eq!(back.at(2, 0), None);
         assert_eq!(back.interpolate(0.5, 0.0).map(|p| p.x), Some(-0.75));
     }

@@ -3,6 +3,7 @@
 pub mod camera_from_map;
 pub mod ground_map;
 pub(crate) mod image_polar;
+pub mod map_basis;
 pub mod mirror;
 pub mod ray_tracing;
 

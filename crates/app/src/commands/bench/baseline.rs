@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
+use vision::output_file::write_file;
 
 use super::measure::BenchFigure;
 
@@ -82,7 +83,7 @@ impl Baseline {
     /// Writes the file.
     pub(super) fn save(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self)?;
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+        write_file(path, text).with_context(|| format!("cannot write {}", path.display()))
     }
 
     /// Compares the figures that both have, in this one's order.

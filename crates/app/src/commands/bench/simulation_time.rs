@@ -10,7 +10,7 @@ use localize::robot::CameraConfig;
 use localize::world::TeamColour;
 use localize::{At, Field, Pose};
 use sim::Scenario;
-use sim::render::{Renderer, RendererConfig, Scene};
+use sim::render::{CameraMotion, Renderer, RendererConfig, Scene};
 use sim::world::RobotState;
 use vision::Profile;
 
@@ -20,6 +20,16 @@ use pipeline::sample::Sample;
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
 use pipeline::{Pipeline, PipelineConfig};
+
+/// Driving at 1.5 m/s and 60°/s with a tilted body, during the shutter time of the default camera.
+const DRIVING: CameraMotion = CameraMotion {
+    velocity: [1.4, 0.5],
+    yaw_rate: 1.05,
+    tilt: [0.006, -0.004],
+    tilt_rate: [0.05, 0.02],
+    readout: 0.0,
+    shutter: 0.008,
+};
 
 /// Figures of `measure_rendering`.
 pub(super) const RENDERING_NAMES: &[&str] = &["render_480_nine_robots"];
@@ -43,7 +53,10 @@ impl DemoScene {
         let (scenario, robot) =
             Scenario::load(&paths::find_resource("config/scenarios/demo.toml")?)?;
         let field = Field::load(&robot.field)?;
-        let own = robot.camera.context("the demo's robot has no camera")?;
+        let own = robot
+            .camera
+            .and_then(|camera| camera.camera())
+            .context("the demo's robot has no camera")?;
         let scale = side_px as f32 / own.width_px as f32;
         let camera = CameraConfig {
             width_px: side_px,
@@ -91,7 +104,8 @@ impl DemoScene {
             body: &self.body,
             field: &self.field,
             light: &self.scenario.light,
-            blur_px: self.scenario.film.blur_px,
+            hall: &self.scenario.hall,
+            film: &self.scenario.film,
             seed: self.scenario.seed,
         })?)
     }
@@ -101,10 +115,10 @@ impl DemoScene {
         let ball = &self.scenario.ball;
         let scene = Scene {
             pose: Pose::new(4.0, 0.3, heading),
+            motion: DRIVING,
             robots: &self.robots,
             ball: Some((At::new(2.5, 1.5), ball.diameter, ball.colour)),
-            light_colour: [1.0; 3],
-            occlusions: &[],
+            ..Scene::default()
         };
         renderer.render(&scene, &self.scenario.film, rgb);
     }

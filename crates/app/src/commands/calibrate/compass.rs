@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use localize::sensors::compass_calibration::{CompassFit, fit_calibration};
 use serde::Serialize;
+use vision::output_file::write_file;
 
 use pipeline::csv_table::{CsvTable, CsvWriter, format_seconds};
 
@@ -53,8 +54,7 @@ pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
     let mut fit = fit_calibration(&readings).with_context(|| path.display().to_string())?;
     fit.calibration.north_deg = args.north;
     let text = toml::to_string(&fit.calibration)?;
-    std::fs::write(&args.out, text)
-        .with_context(|| format!("cannot write {}", args.out.display()))?;
+    write_file(&args.out, text).with_context(|| format!("cannot write {}", args.out.display()))?;
     if let Some(path) = &args.headings {
         let mut file = CsvWriter::create(path, "stamp_s,heading_rad")?;
         for (stamp, reading) in stamps.iter().zip(&readings) {

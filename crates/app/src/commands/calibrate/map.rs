@@ -1,17 +1,15 @@
-//! `mirrorball calibrate map` and `lines`: where on the ground does each pixel look?
+//! `mirrorball calibrate map`: where on the ground does each pixel look, by a strip on the floor?
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use localize::robot::RobotConfig;
+use localize::robot::{CameraConfig, RobotConfig};
 use serde::Serialize;
-use vision::calibrate::{ImageResidual, Strip, calibrate_lines, calibrate_strip, fit_mount};
+use vision::calibrate::{ImageResidual, Strip, calibrate_strip, fit_mount};
 use vision::image::Image;
 use vision::{GroundMap, Mount, Profile, overlay};
 
-use super::images::{SkippedImage, load_drive_images, load_strip_images};
-use pipeline::PipelineConfig;
-use pipeline::setup::Setup;
+use super::images::{SkippedImage, load_strip_images};
 
 /// Ground map from images of the robot turning next to a radial strip of black and white bars.
 ///
@@ -35,32 +33,12 @@ pub(crate) struct MapArgs {
     pub(crate) profile: bool,
 }
 
-/// Ground map from the field's lines while driving: no strip, poses unknown.
-///
-/// The folder is a recording (robot.toml, frames.csv). The calibration starts from --map, else from the robot's own map,
-/// which may be wrong by a fifth.
-#[derive(clap::Args)]
-#[command(after_help = "Example: mirrorball calibrate lines samples/sequence --out map.npz")]
-pub(crate) struct LinesArgs {
-    /// The recording folder.
-    pub(crate) dir: PathBuf,
-    /// Start from this map.
-    #[arg(long, value_name = "START.npz")]
-    pub(crate) map: Option<PathBuf>,
-    /// File for the map.
-    #[arg(long, value_name = "MAP.npz")]
-    pub(crate) out: PathBuf,
-    /// Also draw rings of equal distance into the first image.
-    #[arg(long, value_name = "FILE.png")]
-    pub(crate) picture: Option<PathBuf>,
-}
-
 /// What `--json` prints.
 #[derive(Serialize)]
 pub(crate) struct Outcome {
     pub(crate) images: usize,
     pub(crate) used: usize,
-    left_out: Vec<SkippedImage>,
+    pub(super) left_out: Vec<SkippedImage>,
     /// Root mean square residual, pixels along the radius (strip, profile).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) rms_px: Option<f64>,
@@ -70,36 +48,63 @@ pub(crate) struct Outcome {
     /// Share of the line points on markings (lines).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) inlier_share: Option<f64>,
+    /// Camera found with the map (lines without an initial map).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) camera: Option<FoundCamera>,
+    /// Distance between the maps of two halves of the images, metres: up to 3 m, and 3 to 5 m (lines without an initial map).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) disagreement_m: Option<[f32; 2]>,
     /// Estimated mount of the mirror (profile).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) mount: Option<Mount>,
     pub(crate) map: PathBuf,
 }
 
+/// The camera as `[camera]` of robot.toml has it.
+#[derive(Serialize)]
+pub(crate) struct FoundCamera {
+    pub(super) centre_px: [f32; 2],
+    pub(super) forward_deg: f32,
+    pub(super) flipped: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) outer_radius_px: Option<f32>,
+}
+
 /// Rings drawn into the picture, metres.
 const RINGS: [f32; 8] = [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0];
+
+/// The robot's camera; an error if the mirror's axis is not known.
+fn camera_of(robot: &RobotConfig, robot_file: &Path) -> Result<CameraConfig> {
+    let section = robot
+        .camera
+        .as_ref()
+        .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
+    section.camera().with_context(|| {
+        format!(
+            "{}: [camera] has no centre_px. `mirrorball calibrate rim` measures it",
+            robot_file.display()
+        )
+    })
+}
 
 pub(crate) fn calibrate_map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
-    let camera = robot
-        .camera
-        .as_ref()
-        .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
+    let camera = camera_of(&robot, &robot_file)?;
     let path = args.dir.join("strip.toml");
     let text = std::fs::read_to_string(&path)
         .with_context(|| format!("cannot read {}", path.display()))?;
     let strip: Strip = toml::from_str(&text).with_context(|| path.display().to_string())?;
     let images = load_strip_images(&args.dir)?;
-    let calibration =
-        calibrate_strip(camera, &strip, &images).with_context(|| args.dir.display().to_string())?;
+    let calibration = calibrate_strip(&camera, &strip, &images)
+        .with_context(|| args.dir.display().to_string())?;
     let (map, rms_px, mount) = if args.profile {
         let mirror = robot
             .mirror
             .as_ref()
             .with_context(|| format!("{}: has no [mirror]", robot_file.display()))?;
         let fit = fit_mount(
-            camera,
+            &camera,
             &Profile::load(&mirror.profile)?,
             &calibration.points,
         )
@@ -127,37 +132,7 @@ pub(crate) fn calibrate_map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidua
     Ok((outcome, calibration.images))
 }
 
-pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
-    let robot_file = args.dir.join("robot.toml");
-    let setup = Setup::load(&robot_file, args.map.as_deref())?;
-    let (camera, start) = setup
-        .camera
-        .as_ref()
-        .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
-    let images = load_drive_images(&args.dir)?;
-    let calibration = calibrate_lines(
-        camera,
-        start,
-        &setup.field,
-        &images,
-        &PipelineConfig::default().vision,
-    )
-    .with_context(|| args.dir.display().to_string())?;
-    save(
-        &calibration.map,
-        &args.out,
-        args.picture.as_deref(),
-        images.first().map(|image| &image.image),
-    )?;
-    let outcome = Outcome {
-        rms_m: Some(calibration.rms),
-        inlier_share: Some(calibration.inlier_share),
-        ..outcome(&calibration.images, &args.out)
-    };
-    Ok((outcome, calibration.images))
-}
-
-fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
+pub(super) fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
     let left_out = SkippedImage::from_residuals(images);
     Outcome {
         images: images.len(),
@@ -166,12 +141,19 @@ fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
         rms_px: None,
         rms_m: None,
         inlier_share: None,
+        camera: None,
+        disagreement_m: None,
         mount: None,
         map: out.to_owned(),
     }
 }
 
-fn save(map: &GroundMap, out: &Path, picture: Option<&Path>, image: Option<&Image>) -> Result<()> {
+pub(super) fn save(
+    map: &GroundMap,
+    out: &Path,
+    picture: Option<&Path>,
+    image: Option<&Image>,
+) -> Result<()> {
     map.save(out)?;
     let (Some(path), Some(image)) = (picture, image) else {
         return Ok(());

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use localize::robot::RobotConfig;
 use serde::Serialize;
-use vision::calibrate::calibrate_mask;
 use vision::calibrate::mask::save_mask;
+use vision::calibrate::{calibrate_mask, find_rim};
 use vision::image::Image;
 
 use super::images::load_drive_images;
@@ -43,7 +43,7 @@ struct Outcome {
 pub(super) fn run(args: &MaskArgs, json: bool) -> Result<()> {
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
-    let camera = robot
+    let section = robot
         .camera
         .as_ref()
         .with_context(|| format!("{}: no [camera]", robot_file.display()))?;
@@ -51,7 +51,15 @@ pub(super) fn run(args: &MaskArgs, json: bool) -> Result<()> {
         .into_iter()
         .map(|image| image.image)
         .collect();
-    let mask = calibrate_mask(camera, &images).with_context(|| args.dir.display().to_string())?;
+    let camera = match section.camera() {
+        Some(camera) => camera,
+        None => {
+            let rim = find_rim(&images.iter().collect::<Vec<_>>())
+                .with_context(|| format!("{}: [camera] has no centre_px", robot_file.display()))?;
+            section.with_axis(rim.centre_px, Some(rim.radius_px))
+        }
+    };
+    let mask = calibrate_mask(&camera, &images).with_context(|| args.dir.display().to_string())?;
     save_mask(&mask, camera.width_px, camera.height_px, &args.out)?;
     if let (Some(path), Some(first)) = (&args.picture, images.first()) {
         let mut picture = first.clone();

@@ -1,15 +1,18 @@
-//! `mirrorball calibrate`: ground map from a strip or a drive, colours, mask of the robot's body, sizes, and compass.
+//! `mirrorball calibrate`: rim, ground map from a strip or a drive, colours, mask of the robot's body, sizes, and compass.
 
 mod colours;
 mod compass;
 mod images;
+mod lines;
 mod map;
 mod mask;
+mod rim;
 mod sizes;
 
 use anyhow::Result;
 
-pub(crate) use map::{LinesArgs, MapArgs, Outcome, calibrate_map, calibrate_map_from_lines};
+pub(crate) use lines::{LinesArgs, calibrate_map_from_lines};
+pub(crate) use map::{MapArgs, Outcome, calibrate_map};
 
 /// Calibrate ground map, colours, mask and sizes of the camera, and the compass.
 #[derive(clap::Args)]
@@ -23,6 +26,7 @@ pub(crate) struct Args {
 enum CalibrateCommand {
     Map(MapArgs),
     Lines(LinesArgs),
+    Rim(rim::RimArgs),
     Colours(colours::ColoursArgs),
     Mask(mask::MaskArgs),
     Sizes(sizes::SizesArgs),
@@ -34,6 +38,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let (outcome, residuals) = match &args.command {
         CalibrateCommand::Map(args) => calibrate_map(args)?,
         CalibrateCommand::Lines(args) => calibrate_map_from_lines(args)?,
+        CalibrateCommand::Rim(args) => return rim::run(args, json),
         CalibrateCommand::Colours(args) => return colours::run(args, json),
         CalibrateCommand::Mask(args) => return mask::run(args, json),
         CalibrateCommand::Sizes(args) => return sizes::run(args, json),
@@ -61,6 +66,19 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             "residual: {:.1} cm; {:.0} % of the line points lie on markings",
             100.0 * rms,
             100.0 * share
+        );
+    }
+    if let Some([near, far]) = outcome.disagreement_m {
+        println!(
+            "halves of the images differ by {:.1} cm up to 3 m and {:.1} cm from 3 to 5 m (median)",
+            100.0 * near,
+            100.0 * far
+        );
+    }
+    if let Some(camera) = &outcome.camera {
+        println!(
+            "camera: {}",
+            toml::to_string(camera)?.trim().replace('\n', ", ")
         );
     }
     if let Some(mount) = outcome.mount {

@@ -1,7 +1,9 @@
-//! `mirrorball doctor`: what prevents this robot from running, and what is the remedy?
+//! `mirrorball doctor`: what prevents this robot from running, or this recording from being located, and what is the
+//! remedy?
 
 mod finding;
 mod machine;
+mod recording;
 mod robot;
 
 use std::path::PathBuf;
@@ -10,12 +12,22 @@ use anyhow::{Result, bail};
 use finding::Severity;
 
 /// Check a robot and its machine: configuration, devices, permissions, disk, clock, Python. Exits 1 if something must be done.
+///
+/// With --recording, check instead whether another field, camera mount or unit explains a recording better.
 #[derive(clap::Args)]
-#[command(after_help = "Example: mirrorball doctor --robot config/robots/virtual")]
+#[command(
+    after_help = "Example: mirrorball doctor --robot config/robots/virtual\n         mirrorball doctor --recording samples/sequence"
+)]
 pub(crate) struct Args {
     /// The robot: a folder with robot.toml and hardware.toml; without it only the machine is checked.
     #[arg(long, value_name = "DIR")]
     robot: Option<PathBuf>,
+    /// A recording folder or a log: try other set-ups on it and print which explain it better, with the edit to make.
+    #[arg(long, value_name = "DIR|LOG", conflicts_with = "robot")]
+    recording: Option<PathBuf>,
+    /// With --recording: calibrated map (npz) in place of the robot's own.
+    #[arg(long, value_name = "MAP.npz", requires = "recording")]
+    map: Option<PathBuf>,
     /// Folder of the logs.
     #[arg(long, value_name = "DIR", default_value = ".")]
     logs: PathBuf,
@@ -26,6 +38,9 @@ pub(crate) struct Args {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
+    if let Some(folder) = &args.recording {
+        return recording::run(folder, args.map.as_deref(), json);
+    }
     let mut findings = machine::check_machine(&args.logs);
     if let Some(robot) = &args.robot {
         findings.extend(robot::check_robot(robot, args.listen));

@@ -218,8 +218,13 @@ fn check_vision(setup: &Setup, image: hw::camera::CapturedImage) -> Finding {
     let pipeline = Pipeline::new(setup, &PipelineConfig::default());
     let stamp = image.stamp;
     let content = ImageContent::Pixels(SourceImage::Raw(raw_image(image)));
-    let result = pipeline
-        .map(|mut pipeline| pipeline.process_sample(Sample::Image(CameraImage { stamp, content })));
+    let result = pipeline.map(|mut pipeline| {
+        pipeline.process_sample(Sample::Image(CameraImage {
+            stamp,
+            setting: None,
+            content,
+        }))
+    });
     let bad = |found: String| {
         let remedy = "compare the camera's size and format with robot.toml's";
         Finding::bad("sight", found, remedy)

@@ -7,7 +7,8 @@ use localize::Stamp;
 use localize::omni::Twist;
 use rustix::fs::{Mode, OFlags};
 use rustix::termios::{
-    LocalModes, OptionalActions, SpecialCodeIndex, Termios, tcgetattr, tcsetattr,
+    LocalModes, OptionalActions, QueueSelector, SpecialCodeIndex, Termios, tcflush, tcgetattr,
+    tcsetattr,
 };
 
 use super::axes::twist_from_axes;
@@ -110,6 +111,11 @@ impl RawTerminal {
         tcsetattr(&fd, OptionalActions::Now, &single)
             .context("cannot change the terminal's settings")?;
         Ok(Some(RawTerminal { fd, saved_settings }))
+    }
+
+    pub(super) fn discard_keys(&self) {
+        // An error means that the terminal is gone.
+        let _gone = tcflush(&self.fd, QueueSelector::IFlush);
     }
 
     pub(super) fn read_keys(&self) -> Vec<u8> {

@@ -19,6 +19,8 @@ use keyboard::{KeyAction, KeyboardState, RawTerminal};
 const COMMAND_VALIDITY: f64 = 0.08;
 /// Time between commands, nanoseconds.
 const PERIOD_NS: i64 = 20_000_000;
+/// A thread that did not run for longer was stopped, seconds.
+const PAUSE_MIN: f64 = 0.25;
 /// Speed of a kicked ball, m/s.
 const KICK_SPEED: f32 = 6.0;
 
@@ -32,6 +34,7 @@ pub(crate) fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
     let terminal = terminal.as_ref();
     let mut pads = Gamepads::default();
     let mut keyboard = KeyboardState::new();
+    let mut last_run = hw::now();
     while !stop.is_raised() {
         pads.scan();
         let mut fds: Vec<_> = terminal
@@ -51,6 +54,13 @@ pub(crate) fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
         let _interrupted = poll(&mut fds, Some(&period));
         drop(fds);
         let now = hw::now();
+        if now - std::mem::replace(&mut last_run, now) > PAUSE_MIN {
+            // Keys that were pressed while this program was stopped are too old to drive or kick.
+            terminal.iter().for_each(|terminal| terminal.discard_keys());
+            pads.read();
+            pads.take_kick();
+            continue;
+        }
         for key in terminal.iter().flat_map(|terminal| terminal.read_keys()) {
             match keyboard.handle_key(key, now) {
                 Some(KeyAction::Quit) => stop.raise(),

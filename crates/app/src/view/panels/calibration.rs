@@ -4,6 +4,7 @@ use std::path::Path;
 
 use eframe::egui::{self, RichText, Ui};
 use egui_plot::{Bar, BarChart, Plot};
+use localize::map_correction::{MapCorrectionEstimate, Unit};
 use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::config::ImageRect;
 
@@ -53,6 +54,11 @@ impl CalibrationPanel {
             egui::CollapsingHeader::new("Map")
                 .default_open(true)
                 .show(ui, |ui| self.map(ui, &mut session.calibration));
+            if let Some(map) = session.map_correction() {
+                egui::CollapsingHeader::new("Learned map errors")
+                    .default_open(true)
+                    .show(ui, |ui| show_learned_errors(ui, map));
+            }
             egui::CollapsingHeader::new("Write the configuration")
                 .default_open(true)
                 .show(ui, |ui| {
@@ -102,6 +108,35 @@ impl CalibrationPanel {
             show_residuals(ui, outcome, images);
         }
     }
+}
+
+/// Shows what localization learned about the ground map while the robot drove.
+fn show_learned_errors(ui: &mut Ui, map: &MapCorrectionEstimate) {
+    ui.label(format!(
+        "{} images, {} knocks; points 3 m away moved by {:.1} ± {:.1} cm",
+        map.images,
+        map.knocks,
+        100.0 * map.displacement_at_3_m,
+        100.0 * map.displacement_std_at_3_m,
+    ));
+    egui::Grid::new("learned map errors")
+        .striped(true)
+        .show(ui, |ui| {
+            for term in &map.terms {
+                let (scale, unit) = match term.kind.unit() {
+                    Unit::Radian => (1f32.to_degrees(), "°"),
+                    Unit::Metre => (1e3, "mm"),
+                    Unit::Share => (1e2, "%"),
+                };
+                ui.label(term.kind.name());
+                ui.monospace(format!(
+                    "{:+.2} ± {:.2} {unit}",
+                    scale * term.value,
+                    scale * term.std
+                ));
+                ui.end_row();
+            }
+        });
 }
 
 /// Draws the mask tools.

@@ -1,16 +1,23 @@
 //! Health panel: state, rate, age and errors of each device, dropped cycles and stage times.
 
+use std::path::PathBuf;
+use std::time::Duration;
+
 use eframe::egui::{self, Color32, Ui};
+use localize::estimate::{Estimate, Reason};
 
 use crate::view::device_monitor::DeviceState;
 use crate::view::palette;
 use crate::view::session::Session;
+use crate::view::setup_job::SetupCheck;
 
 /// Averaging window of the rates, seconds.
 const WINDOW: f64 = 2.0;
 
 /// Draws the panel.
-pub(crate) fn show(ui: &mut Ui, session: &Session) {
+pub(crate) fn show(ui: &mut Ui, session: &mut Session) {
+    session.setup_check.poll();
+    let log = session.log_path();
     let devices = &session.devices;
     let rates = session.series.rates_hz(session.playback.time, WINDOW);
     egui::ScrollArea::both().auto_shrink(false).show(ui, |ui| {
@@ -56,7 +63,7 @@ pub(crate) fn show(ui: &mut Ui, session: &Session) {
             "{} cycles received, {} dropped by the view (the robot does not wait for it)",
             devices.cycles, devices.dropped
         ));
-        if session.log_path().is_some() {
+        if log.is_some() {
             ui.weak("Log: counts since the last seek, rates from the whole log.");
         }
         let faulty = session.series.samples().iter().filter(|s| s.fault);
@@ -74,8 +81,66 @@ pub(crate) fn show(ui: &mut Ui, session: &Session) {
                 "this cycle: vision {:.2} ms, localization {:.2} ms",
                 timings.see_ms, timings.localize_ms
             ));
+            show_fit(ui, &now.cycle.estimate);
         }
+        show_setup_check(ui, &mut session.setup_check, log);
     });
+}
+
+/// How well the set-up fits the last seconds.
+fn show_fit(ui: &mut Ui, estimate: &Estimate) {
+    let fit = estimate.fit;
+    let agreement =
+        |value: Option<f32>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
+    let text = format!(
+        "set-up: {:.0} % of the points on markings, {:.1} cm off; {:.0} % of the markings in sight seen; agreement of wheels {}, compass {}",
+        100.0 * fit.on_markings,
+        100.0 * fit.residual,
+        100.0 * fit.markings_seen,
+        agreement(fit.wheels),
+        agreement(fit.compass)
+    );
+    if estimate.reason == Some(Reason::DoubtfulSetup) {
+        ui.colored_label(palette::VERMILION, text);
+    } else {
+        ui.label(text);
+    }
+}
+
+/// Button that tries other set-ups on the log, and what they explain better.
+fn show_setup_check(ui: &mut Ui, check: &mut SetupCheck, log: Option<PathBuf>) {
+    ui.separator();
+    match check {
+        SetupCheck::Running(_) => {
+            ui.horizontal(|ui| {
+                ui.spinner();
+                ui.label("trying other set-ups");
+            });
+            ui.ctx().request_repaint_after(Duration::from_millis(200));
+            return;
+        }
+        SetupCheck::Done(Err(error)) => {
+            ui.colored_label(palette::VERMILION, format!("{error:#}"));
+        }
+        SetupCheck::Done(Ok(report)) => {
+            if report.suggestions.is_empty() && report.warnings.is_empty() {
+                ui.label("no other set-up explains this log better");
+            }
+            for warning in &report.warnings {
+                ui.colored_label(palette::VERMILION, warning);
+            }
+        }
+        SetupCheck::Idle => {}
+    }
+    let button = ui
+        .add_enabled(log.is_some(), egui::Button::new("Check the set-up"))
+        .on_hover_text(
+            "Tries other fields, camera mounts and units on this log, as `doctor --recording` does",
+        )
+        .on_disabled_hover_text("Open a log first");
+    if let Some(log) = log.filter(|_| button.clicked()) {
+        *check = SetupCheck::start(log);
+    }
 }
 
 fn colour(state: DeviceState) -> Color32 {

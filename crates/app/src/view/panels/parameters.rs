@@ -21,6 +21,8 @@ pub(crate) struct ParametersPanel {
     only_changed: bool,
     /// Path of the overlay file.
     file: String,
+    /// Phrase under which a robot accepts changes.
+    key: String,
 }
 
 impl Default for ParametersPanel {
@@ -29,6 +31,7 @@ impl Default for ParametersPanel {
             filter: String::new(),
             only_changed: false,
             file: "overlay.toml".to_owned(),
+            key: String::new(),
         }
     }
 }
@@ -37,6 +40,7 @@ impl ParametersPanel {
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.actions(ui, session);
+        self.robot_actions(ui, session);
         if let Some(message) = &session.settings.message {
             ui.colored_label(palette::message_colour(message), &message.text);
         }
@@ -90,6 +94,46 @@ impl ParametersPanel {
                 session.load_config("default", Some(Path::new(&self.file)));
             }
         });
+    }
+
+    /// Sends the edited settings to a robot that plays, or returns it to those of its start.
+    fn robot_actions(&mut self, ui: &mut Ui, session: &mut Session) {
+        let Some(remote) = session.source.remote_settings() else {
+            return;
+        };
+        let status = remote.status();
+        if !status.available {
+            ui.weak(
+                "This robot accepts no changes: set tuning = true in [stream] of its network.toml",
+            );
+            return;
+        }
+        let mut revoked = false;
+        ui.horizontal_wrapped(|ui| {
+            if status.needs_key {
+                let edit = egui::TextEdit::singleline(&mut self.key).password(true);
+                ui.add(edit.desired_width(140.0))
+                    .with_accessible_label("Key");
+            }
+            // Relative to the start, so that the result does not depend on what others have changed meanwhile.
+            let start = "revoke = true\n";
+            let hint =
+                "The robot takes the settings of this panel between two images, and logs them";
+            if ui.button("Send to robot").on_hover_text(hint).clicked() {
+                let config = session.settings.config();
+                let overlay = settings::diff_overlay(&session.source_config, config);
+                remote.change(format!("{start}{overlay}"), &self.key);
+            }
+            let hint = "The robot returns to the settings of its start";
+            if ui.button("Revoke").on_hover_text(hint).clicked() {
+                remote.change(start.to_owned(), &self.key);
+                revoked = true;
+            }
+        });
+        ui.label(status.message);
+        if revoked {
+            session.apply_config(session.source_config.clone());
+        }
     }
 
     /// Draws the rows; returns the changed setting.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::decoded_cycle::DecodedCycle;
 use super::inbox::CycleInbox;
+use super::remote_settings::RemoteSettings;
 use super::sim_worker::SimWorker;
 use super::stop_guard::StopGuard;
 
@@ -22,6 +23,8 @@ pub(crate) struct LiveSource {
     position: usize,
     /// The source's problem; None if it works.
     pub(crate) status: Option<String>,
+    /// Changes the settings of a remote robot.
+    pub(crate) remote_settings: Option<RemoteSettings>,
     _guard: Option<(StopGuard, Option<tempfile::TempDir>)>,
 }
 
@@ -34,6 +37,7 @@ impl LiveSource {
             history: VecDeque::new(),
             position: 0,
             status: None,
+            remote_settings: None,
             _guard: None,
         }
     }

@@ -7,6 +7,7 @@ pub(crate) mod log;
 pub(crate) mod metrics_reader;
 pub(crate) mod recompute;
 pub(crate) mod remote;
+pub(crate) mod remote_settings;
 pub(crate) mod sim_worker;
 pub(crate) mod stop_guard;
 
@@ -47,6 +48,14 @@ impl Source {
             Source::Empty => Ok(None),
             Source::Log(player) => player.step(by),
             Source::Live(live) => Ok(live.step(by)),
+        }
+    }
+
+    /// Changes the settings of a connected robot.
+    pub(crate) fn remote_settings(&self) -> Option<&remote_settings::RemoteSettings> {
+        match self {
+            Source::Live(live) => live.remote_settings.as_ref(),
+            _ => None,
         }
     }
 

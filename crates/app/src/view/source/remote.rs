@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 
 use super::decoded_cycle::DecodedCycle;
 use super::inbox::CycleInbox;
+use super::remote_settings::{RemoteSettings, SettingsCourier};
 use super::stop_guard::StopGuard;
 use crate::stream::{StreamClient, StreamEvent};
 use pipeline::log::{Header, LoggedCycle};
@@ -30,6 +31,8 @@ pub(crate) struct RemoteRobot {
     pub(crate) folder: tempfile::TempDir,
     /// Stops the receiving thread.
     pub(crate) guard: StopGuard,
+    /// Changes its settings.
+    pub(crate) settings: RemoteSettings,
 }
 
 /// Connects to `host:port`, waits for the robot's files, and starts the thread that forwards its cycles.
@@ -51,23 +54,31 @@ pub(crate) fn connect(address: &str, inbox: CycleInbox) -> Result<RemoteRobot> {
     header.write_files(folder.path())?;
     let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
     let (guard, stop) = StopGuard::new();
+    let (settings, mut courier) = RemoteSettings::new();
+    client.request_settings()?;
     let address = address.to_owned();
     std::thread::Builder::new()
         .name("watch".to_owned())
-        .spawn(move || receive_cycles(client, &address, &inbox, &stop))?;
+        .spawn(move || receive_cycles(client, &mut courier, &address, &inbox, &stop))?;
     Ok(RemoteRobot {
         header,
         setup,
         folder,
         guard,
+        settings,
     })
 }
 
-fn receive_cycles(mut client: StreamClient, address: &str, inbox: &CycleInbox, stop: &AtomicBool) {
+fn receive_cycles(
+    mut client: StreamClient,
+    courier: &mut SettingsCourier,
+    address: &str,
+    inbox: &CycleInbox,
+    stop: &AtomicBool,
+) {
     while !stop.load(Ordering::Relaxed) {
-        match client.next_event(POLL_INTERVAL) {
-            Ok(Some(StreamEvent::Cycle(logged))) => inbox.push(decode(*logged)),
-            Ok(_) => {}
+        match receive_event(&mut client, courier, inbox) {
+            Ok(()) => {}
             Err(error) => {
                 inbox.set_status(Some(format!("{error:#}; reconnecting")));
                 let Some(reconnected) = reconnect(address, stop) else {
@@ -80,9 +91,28 @@ fn receive_cycles(mut client: StreamClient, address: &str, inbox: &CycleInbox, s
     }
 }
 
+/// Passes on a change of settings, and takes the next event.
+fn receive_event(
+    client: &mut StreamClient,
+    courier: &mut SettingsCourier,
+    inbox: &CycleInbox,
+) -> Result<()> {
+    courier.pass_on(client)?;
+    match client.next_event(POLL_INTERVAL)? {
+        Some(StreamEvent::Cycle(logged)) => inbox.push(decode(*logged)),
+        Some(StreamEvent::Settings(texts)) => courier.receive(client, &texts)?,
+        Some(StreamEvent::Header(_)) | None => {}
+    }
+    Ok(())
+}
+
 fn reconnect(address: &str, stop: &AtomicBool) -> Option<StreamClient> {
     while !stop.load(Ordering::Relaxed) {
-        if let Ok(client) = StreamClient::connect(address, CONNECT_TIMEOUT) {
+        let connected = StreamClient::connect(address, CONNECT_TIMEOUT);
+        if let Ok(client) = connected.and_then(|mut client| {
+            client.request_settings()?;
+            Ok(client)
+        }) {
             return Some(client);
         }
         std::thread::sleep(RETRY_INTERVAL);

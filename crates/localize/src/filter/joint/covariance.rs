@@ -43,8 +43,13 @@ impl JointFilter {
         self.covariance[k][k] += variance;
     }
 
-    /// Kalman update by one scalar: H as a sparse row, the innovation and its variance R.
-    pub(super) fn update_scalar(&mut self, jacobian: SparseRow, innovation: f32, variance: f32) {
+    /// Kalman update by one scalar: H as a sparse row, the innovation and its variance R. Returns S = H P Hᵀ + R.
+    pub(super) fn update_scalar(
+        &mut self,
+        jacobian: SparseRow,
+        innovation: f32,
+        variance: f32,
+    ) -> f32 {
         // P Hᵀ
         let mut cross = [0.0; ROW_STRIDE];
         for &(column, factor) in jacobian {
@@ -59,7 +64,7 @@ impl JointFilter {
             .sum::<f32>()
             + variance;
         if !(innovation_variance > 0.0) {
-            return;
+            return innovation_variance;
         }
         let normalized = innovation / innovation_variance;
         for (value, cross) in self.state.iter_mut().zip(&cross) {
@@ -73,5 +78,6 @@ impl JointFilter {
             line[i] = line[i].max(VARIANCE_MIN);
         }
         self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
+        innovation_variance
     }
 }

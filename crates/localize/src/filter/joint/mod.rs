@@ -7,35 +7,39 @@
 //! | `predict` | motion model f and its Jacobian F | 8.2, 8.3 |
 //! | `process_noise` | Q | 8.4 |
 //! | `wheel_update` | h, H, R of a wheel increment | 8.5 |
+//! | `odometry_correction` | matrix from measured to true motion | 8.5 |
+//! | `wheel_noise` | learned wheel noise | 8.8 |
 //! | `zero_velocity_update` | h, H, R at rest | 8.6 |
-//! | `pose_update` | H and gain of a matched image, learned wheel noise | 8.7, 8.8 |
+//! | `pose_update` | H and gain of a matched image | 8.7 |
 //! | `covariance` | sparse kernels of these equations | |
 //!
 //! Tilt, accelerometer bias and mount are separate states, since an accelerometer measures gravity through each of them.
 //! The increment since the last wheel sample is a clone of the motion, so an image may fall between two wheel samples.
 
 mod covariance;
+mod odometry_correction;
 mod pose_update;
 mod predict;
 mod process_noise;
 mod state;
 #[cfg(test)]
 mod tests;
+mod wheel_noise;
 mod wheel_update;
 mod zero_velocity_update;
 
 use nalgebra::Matrix3;
 
-use super::pose_gaussian;
 use super::{FilterConfig, TiltEstimate};
 use crate::frames::{Pose, wrap_angle};
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
 use state::{
-    ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, ODOMETRY_SCALES,
-    POSE, ROW_STRIDE, STATES, State, TILT, TWIST, YAW_RATE,
+    ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, POSE, ROW_STRIDE,
+    STATES, State, TILT, TWIST, YAW_RATE,
 };
+use wheel_noise::WheelNoiseEstimate;
 
 /// Standard deviation of a new filter's twist: m/s, m/s, rad/s.
 const INITIAL_TWIST_STD: [f32; 3] = [3.0, 3.0, 6.0];
@@ -51,13 +55,12 @@ pub struct JointFilter {
     imu_active: bool,
     /// Robot frame, m/s².
     smoothed_acceleration: [f32; 2],
-    /// Learned factor of the wheels' configured noise variance.
-    wheel_noise_factor: f32,
+    wheel_noise: WheelNoiseEstimate,
     collision: CollisionDetector,
 }
 
 impl JointFilter {
-    /// A filter at a new pose. Scales, biases, mount, slip and latency are taken over from `previous`.
+    /// A filter at a new pose. Odometry correction, biases, mount, slip and latency are taken over from `previous`.
     pub(super) fn new(
         pose: Pose,
         covariance: &Matrix3<f32>,
@@ -67,11 +70,7 @@ impl JointFilter {
         let mut state = [0.0; STATES];
         let mut variances = [0.0; STATES];
         (state[POSE], state[POSE + 1], state[POSE + 2]) = (pose.x, pose.y, pose.theta);
-        (
-            state[ODOMETRY_SCALES],
-            state[ODOMETRY_SCALES + 1],
-            state[GYRO_SCALE],
-        ) = (1.0, 1.0, 1.0);
+        state[GYRO_SCALE] = 1.0;
         state[LATENCY] = config.camera_latency;
         for (k, std) in INITIAL_TWIST_STD.into_iter().enumerate() {
             variances[TWIST + k] = std * std;
@@ -82,7 +81,6 @@ impl JointFilter {
         }
         for k in 0..2 {
             variances[IMU_MOUNT + k] = config.imu_mount_std_deg.to_radians().powi(2);
-            variances[ODOMETRY_SCALES + k] = config.odometry_scale_std * config.odometry_scale_std;
             variances[ACCELEROMETER_BIAS + k] =
                 config.accelerometer_bias_std * config.accelerometer_bias_std;
         }
@@ -91,9 +89,10 @@ impl JointFilter {
         for (k, variance) in variances.into_iter().enumerate() {
             full[k][k] = variance;
         }
-        let mut wheel_noise_factor = 1.0;
+        odometry_correction::initialize(&mut state, &mut full, config);
+        let mut wheel_noise = WheelNoiseEstimate::new(config);
         if let Some(previous) = previous {
-            wheel_noise_factor = previous.wheel_noise_factor;
+            wheel_noise = previous.wheel_noise.without_derivatives();
             for i in GYRO_BIAS..STATES {
                 state[i] = previous.state[i];
                 full[i][GYRO_BIAS..].copy_from_slice(&previous.covariance[i][GYRO_BIAS..]);
@@ -110,10 +109,9 @@ impl JointFilter {
             full[TILT + k][TILT + k] =
                 mount[IMU_MOUNT + k] + config.tilt_std_deg.to_radians().powi(2);
         }
-        let pose_covariance = covariance + pose_gaussian::systematic_covariance(config);
         for i in 0..3 {
             for j in 0..3 {
-                full[POSE + i][POSE + j] = pose_covariance[(i, j)];
+                full[POSE + i][POSE + j] = covariance[(i, j)];
             }
         }
         JointFilter {
@@ -122,7 +120,7 @@ impl JointFilter {
             wheel_interval: 0.0,
             imu_active: false,
             smoothed_acceleration: [0.0; 2],
-            wheel_noise_factor,
+            wheel_noise,
             collision: CollisionDetector::default(),
         }
     }
@@ -143,8 +141,10 @@ impl JointFilter {
         }
     }
 
+    /// Estimated scales of the odometry: mean of both translations, and rotation.
     pub(super) fn scales(&self) -> [f32; 2] {
-        [self.state[ODOMETRY_SCALES], self.state[ODOMETRY_SCALES + 1]]
+        let scale = |k: usize| self.state[odometry_correction::entry(k, k)];
+        [0.5 * (scale(0) + scale(1)), scale(2)]
     }
 
     pub(super) fn gyro_bias(&self) -> f32 {
@@ -188,6 +188,19 @@ impl JointFilter {
         // The unreported motion may continue.
         for (k, std) in INITIAL_TWIST_STD.into_iter().enumerate() {
             self.covariance[TWIST + k][TWIST + k] += (0.3 * std).powi(2);
+        }
+    }
+
+    /// Moves pose (x, y, θ) and camera tilt (a, b). The mount of the inertial unit takes the tilt's part.
+    pub(super) fn shift_pose(&mut self, step: [f32; 5]) {
+        for k in 0..3 {
+            self.state[POSE + k] += step[k];
+        }
+        self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
+        if self.imu_active {
+            for k in 0..2 {
+                self.state[IMU_MOUNT + k] -= step[3 + k];
+            }
         }
     }
 

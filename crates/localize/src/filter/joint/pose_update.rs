@@ -1,21 +1,18 @@
-//! Pose update of the joint filter by a matched image (docs/methods.md 8.7 and 8.8).
+//! Pose update of the joint filter by a matched image (docs/methods.md 8.7).
 //!
 //! An image measures pose and tilt (x, y, θ, a, b) at its exposure. The matcher already contains the prediction, so the
-//! update takes a posterior: x ← x + K (ŷ − y), P ← P − K (S − P_y) Kᵀ + Q_rep with K = P Hᵀ S⁻¹.
+//! update takes a posterior: x ← x + K (ŷ − y), P ← P − K (S − P_y) Kᵀ with K = P Hᵀ S⁻¹.
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, Vector3};
 
 use super::JointFilter;
 use super::covariance::VARIANCE_MIN;
 use super::state::{IMU_MOUNT, LATENCY, POSE, STATES, TILT, TWIST, YAW_RATE};
-use crate::filter::pose_gaussian::{PosePosterior, systematic_covariance};
+use crate::filter::pose_gaussian::PosePosterior;
 use crate::filter::{FilterConfig, TiltPrior};
 use crate::frames::wrap_angle;
-use crate::matching::{Matrix5, PARAMETERS};
+use crate::matching::{Matrix5, PARAMETERS, Vector5};
 use crate::math;
-
-/// Range of the learned noise factor (variance).
-const NOISE_FACTOR_RANGE: (f32, f32) = (0.05, 20.0);
 
 /// P Hᵀ.
 type CrossCovariance = SMatrix<f32, STATES, PARAMETERS>;
@@ -82,31 +79,62 @@ impl JointFilter {
         let pose_innovation = posterior.pose.difference(self.pose());
         let [x, y, theta] = pose_innovation.into();
         let [a, b] = posterior.tilt;
-        let innovation = SVector::<f32, PARAMETERS>::from([x, y, theta, a, b]);
-        self.adapt_wheel_noise(&predicted, &pose_innovation, posterior, config);
+        let innovation = Vector5::from([x, y, theta, a, b]);
+        self.update_wheel_noise(&information, &innovation, posterior);
         let step = gain * innovation;
         for (value, step) in self.state.iter_mut().zip(step.iter()) {
             *value += step;
         }
         self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
         self.clamp_scales();
+        if config.camera_latency_std == 0.0 {
+            // The smallest variance must not move a known latency: an image a nanosecond older than the wheel sample of
+            // its stamp would be matched without that sample.
+            self.state[LATENCY] = config.camera_latency;
+        }
         let reduction = gain * (predicted - posterior.covariance) * gain.transpose();
         self.reduce_covariance(&reduction, posterior, config);
     }
 
-    /// P ← P − `reduction` + Q_rep, kept symmetric and positive on the diagonal.
+    /// Learns the wheels' noise from an image (docs/methods.md 8.8).
+    pub(in crate::filter) fn learn_wheel_noise(
+        &mut self,
+        posterior: &PosePosterior,
+        tilt_prior: TiltPrior,
+    ) {
+        if let Some(information) = self.predicted_covariance(tilt_prior).try_inverse() {
+            let [x, y, theta] = posterior.pose.difference(self.pose()).into();
+            let [a, b] = posterior.tilt;
+            let innovation = Vector5::from([x, y, theta, a, b]);
+            self.update_wheel_noise(&information, &innovation, posterior);
+        }
+    }
+
+    /// `information`: S⁻¹. The innovation's own Σ⁻¹ = (S + R)⁻¹ follows from the posterior: S⁻¹ − S⁻¹ P_y S⁻¹.
+    fn update_wheel_noise(
+        &mut self,
+        information: &Matrix5,
+        innovation: &Vector5,
+        posterior: &PosePosterior,
+    ) {
+        self.wheel_noise.update_by_image(
+            &(information * innovation),
+            &(information - information * posterior.covariance * information),
+            &(posterior.covariance.fixed_rows::<3>(0) * information.fixed_columns::<3>(0)),
+        );
+    }
+
+    /// P ← P − `reduction`, kept symmetric and positive on the diagonal.
     fn reduce_covariance(
         &mut self,
         reduction: &SMatrix<f32, STATES, STATES>,
         posterior: &PosePosterior,
         config: &FilterConfig,
     ) {
-        let systematic = systematic_covariance(config);
         for i in 0..STATES {
             for j in 0..=i {
-                let added = if i < 3 { systematic[(i, j)] } else { 0.0 };
                 let mean = 0.5 * (self.covariance[i][j] + self.covariance[j][i]);
-                let value = mean - 0.5 * (reduction[(i, j)] + reduction[(j, i)]) + added;
+                let value = mean - 0.5 * (reduction[(i, j)] + reduction[(j, i)]);
                 let value = if i == j {
                     value.max(VARIANCE_MIN)
                 } else {
@@ -120,28 +148,9 @@ impl JointFilter {
             // Without a latency state the pose's posterior is known without rounding.
             for i in 0..3 {
                 for j in 0..3 {
-                    self.covariance[i][j] = posterior.covariance[(i, j)] + systematic[(i, j)];
+                    self.covariance[i][j] = posterior.covariance[(i, j)];
                 }
             }
         }
-    }
-
-    /// Learns the wheels' noise factor (docs/methods.md 8.8): the expectation of D² is 3 − tr(S⁻¹ P_y).
-    fn adapt_wheel_noise(
-        &mut self,
-        predicted: &Matrix5,
-        innovation: &Vector3<f32>,
-        posterior: &PosePosterior,
-        config: &FilterConfig,
-    ) {
-        let predicted = predicted.fixed_view::<3, 3>(0, 0).into_owned();
-        let Some(information) = predicted.try_inverse() else {
-            return;
-        };
-        let squared = innovation.dot(&(information * innovation));
-        let expected = 3.0 - (information * posterior.covariance.fixed_view::<3, 3>(0, 0)).trace();
-        self.wheel_noise_factor = (self.wheel_noise_factor
-            * math::exp(config.noise_adaptation_rate * (squared - expected).clamp(-3.0, 9.0)))
-        .clamp(NOISE_FACTOR_RANGE.0, NOISE_FACTOR_RANGE.1);
     }
 }

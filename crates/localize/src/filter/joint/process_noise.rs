@@ -1,10 +1,10 @@
 //! Process noise Q of the joint filter (docs/methods.md 8.4).
 
 use super::JointFilter;
+use super::odometry_correction::{entry, unit};
 use super::predict::{ImuStep, PlanarStep};
 use super::state::{
-    ACCELEROMETER_BIAS, GYRO_BIAS, ODOMETRY_SCALES, POSE, SLIP, TILT, TWIST, WHEEL_INCREMENT,
-    YAW_RATE,
+    ACCELEROMETER_BIAS, GYRO_BIAS, POSE, SLIP, TILT, TWIST, WHEEL_INCREMENT, YAW_RATE,
 };
 use crate::filter::{FilterConfig, ImuInterval, PredictionInput};
 use crate::math;
@@ -147,10 +147,8 @@ impl JointFilter {
     /// Random walks of scales and biases.
     pub(super) fn add_sensor_noise(&mut self, dt: f32, config: &FilterConfig) {
         let variance = |drift: f32| drift * drift * dt;
-        if config.odometry_scale_std > 0.0 {
-            self.inflate_variance(ODOMETRY_SCALES, variance(config.odometry_scale_drift));
-            self.inflate_variance(ODOMETRY_SCALES + 1, variance(config.odometry_scale_drift));
-        }
+        self.add_correction_noise(dt, config);
+        self.wheel_noise.forget(dt);
         for k in 0..3 {
             self.inflate_variance(
                 GYRO_BIAS + k,
@@ -162,6 +160,19 @@ impl JointFilter {
                 ACCELEROMETER_BIAS + k,
                 variance(config.accelerometer_bias_drift),
             );
+        }
+    }
+
+    /// Random walk of the odometry's correction (carpet direction, wear, load).
+    fn add_correction_noise(&mut self, dt: f32, config: &FilterConfig) {
+        if !(config.odometry_scale_std > 0.0) {
+            return;
+        }
+        for i in 0..3 {
+            for j in 0..3 {
+                let drift = config.odometry_scale_drift * unit(i, j);
+                self.inflate_variance(entry(i, j), drift * drift * dt);
+            }
         }
     }
 

@@ -8,12 +8,12 @@
 //! | 8 | [`YAW_RATE`] | yaw rate, third component of the twist | rad/s |
 //! | 9, 10 | [`TILT`] | up direction in the inertial unit's frame: x, y | 1 |
 //! | 11 to 13 | [`GYRO_BIAS`] | gyro bias about x, y, z | rad/s |
-//! | 14, 15 | [`ODOMETRY_SCALES`] | true over measured motion of the wheels: translation, rotation | 1 |
-//! | 16, 17 | [`ACCELEROMETER_BIAS`] | accelerometer bias along x, y | m/s² |
-//! | 18, 19 | [`IMU_MOUNT`] | tilt of the unit against the camera | rad |
-//! | 20 to 22 | [`SLIP`] | velocity of the wheel rims over the ground | m/s, rad/s |
-//! | 23 | [`GYRO_SCALE`] | true over measured rate about z | 1 |
-//! | 24 | [`LATENCY`] | time from an image's exposure to its stamp | s |
+//! | 14 to 22 | [`ODOMETRY_CORRECTION`] | matrix from measured to true motion of the wheels, row by row | 1, m/rad, rad/m |
+//! | 23, 24 | [`ACCELEROMETER_BIAS`] | accelerometer bias along x, y | m/s² |
+//! | 25, 26 | [`IMU_MOUNT`] | tilt of the unit against the camera | rad |
+//! | 27 to 29 | [`SLIP`] | velocity of the wheel rims over the ground | m/s, rad/s |
+//! | 30 | [`GYRO_SCALE`] | true over measured rate about z | 1 |
+//! | 31 | [`LATENCY`] | time from an image's exposure to its stamp | s |
 //!
 //! The states from [`GYRO_BIAS`] on describe the sensors. They survive a new pose.
 
@@ -29,22 +29,22 @@ pub(super) const YAW_RATE: usize = 8;
 pub(super) const TILT: usize = 9;
 /// Index of the gyro bias about x, y and z.
 pub(super) const GYRO_BIAS: usize = 11;
-/// Index of the odometry scales of translation and rotation.
-pub(super) const ODOMETRY_SCALES: usize = 14;
+/// Index of the matrix that takes the measured motion (x, y, θ) to the true one, row by row.
+pub(super) const ODOMETRY_CORRECTION: usize = 14;
 /// Index of the accelerometer bias along x and y.
-pub(super) const ACCELEROMETER_BIAS: usize = 16;
+pub(super) const ACCELEROMETER_BIAS: usize = 23;
 /// Index of the mount's tilt.
-pub(super) const IMU_MOUNT: usize = 18;
+pub(super) const IMU_MOUNT: usize = 25;
 /// Index of the slip velocity's x, y, θ.
-pub(super) const SLIP: usize = 20;
+pub(super) const SLIP: usize = 27;
 /// Index of the gyro scale.
-pub(super) const GYRO_SCALE: usize = 23;
+pub(super) const GYRO_SCALE: usize = 30;
 /// Index of the camera latency.
-pub(super) const LATENCY: usize = 24;
+pub(super) const LATENCY: usize = 31;
 /// Number of states.
-pub(super) const STATES: usize = 25;
+pub(super) const STATES: usize = 32;
 /// Row length of the covariance, padded to whole vector registers.
-pub(super) const ROW_STRIDE: usize = 28;
+pub(super) const ROW_STRIDE: usize = 32;
 
 /// Mean.
 pub(super) type State = [f32; STATES];

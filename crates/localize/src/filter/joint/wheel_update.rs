@@ -1,18 +1,25 @@
 //! Wheel update of the joint filter: h, H and R of a wheel increment (docs/methods.md 8.5).
 
+use nalgebra::Vector2;
+
 use super::JointFilter;
-use super::state::{ODOMETRY_SCALES, ROW_STRIDE, SLIP, WHEEL_INCREMENT};
-use crate::filter::config::WheelNoise;
+use super::odometry_correction::entry;
+use super::state::{POSE, ROW_STRIDE, SLIP, WHEEL_INCREMENT};
 use crate::filter::{FilterConfig, WheelIncrement};
 use crate::math;
 use crate::sensors::collision::{Measured, WheelMismatch};
 
 /// Share of rolling noise in the wheels' noise. The rest is slip, which has its own state with an inertial unit.
 const ROLLING_NOISE_SHARE: f32 = 0.5;
-/// Odometry scales outside this range indicate broken encoders, not wear.
+/// Range of the scales. Beyond it encoders are broken, not worn.
 const SCALE_RANGE: (f32, f32) = (0.7, 1.4);
 /// Largest number of lost wheel samples that one sample may stand for.
 const LOST_INTERVALS_MAX: f32 = 20.0;
+/// Shortest motion that has a direction, metres.
+const DIRECTED_MOTION_MIN: f32 = 1e-5;
+
+/// Nonzero entries of a row of H: increment, slip and correction of two components at most.
+type Jacobian = [(usize, f32); 10];
 
 impl JointFilter {
     /// Updates by the motion since the last wheel sample, then starts a new increment.
@@ -36,51 +43,87 @@ impl JointFilter {
         let measured = increment.motion.map(|value| share * value);
         let mismatch = self.wheel_mismatch(measured);
         if !increment.imu_active || self.collision.accepts_wheels(&mismatch, &config.collision) {
-            let variances = self.wheel_noise(measured, share * increment.slip, config);
-            for (k, variance) in variances.into_iter().enumerate() {
-                let innovation = self.wheel_innovation(measured)[k];
-                let jacobian = self.wheel_jacobian(measured, k);
-                self.update_scalar(&jacobian, innovation, variance);
-            }
+            self.update_increment(measured, share * increment.slip, config);
             self.clamp_scales();
         }
         self.restart_wheels();
     }
 
-    /// Innovation 0 − h(x) with h = Δ + T s − k m: increment, slip and scaled measurement.
-    fn wheel_innovation(&self, measured: [f32; 3]) -> [f32; 3] {
-        std::array::from_fn(|k| {
-            self.state[ODOMETRY_SCALES + k / 2] * measured[k]
-                - self.state[WHEEL_INCREMENT + k]
-                - self.wheel_interval * self.state[SLIP + k]
-        })
-    }
-
-    /// Row `k` of H, the derivative of h.
-    fn wheel_jacobian(&self, measured: [f32; 3], k: usize) -> [(usize, f32); 3] {
-        [
-            (WHEEL_INCREMENT + k, 1.0),
-            (SLIP + k, self.wheel_interval),
-            (ODOMETRY_SCALES + k / 2, -measured[k]),
-        ]
-    }
-
-    /// Diagonal of R. `slip`: residual of the wheels' least squares, metres.
-    fn wheel_noise(&self, measured: [f32; 3], slip: f32, config: &FilterConfig) -> [f32; 3] {
-        let WheelNoise { position, heading } = config.wheel_noise(measured, self.wheel_interval);
-        let position = position + slip * slip;
-        let share = if self.imu_active {
-            ROLLING_NOISE_SHARE
+    /// Scalar updates along the motion, across it and in rotation, each with its learned noise.
+    ///
+    /// `slip`: residual of the wheels' least squares, metres.
+    fn update_increment(&mut self, measured: [f32; 3], slip: f32, config: &FilterConfig) {
+        let motion = Vector2::new(measured[0], measured[1]);
+        let along = motion
+            .try_normalize(DIRECTED_MOTION_MIN)
+            .unwrap_or_else(Vector2::x);
+        let heading = self.state[POSE + 2] - self.state[WHEEL_INCREMENT + 2];
+        let (sin, cos) = math::sin_cos(heading);
+        self.wheel_noise.set_direction(Vector2::new(
+            cos * along.x - sin * along.y,
+            sin * along.x + cos * along.y,
+        ));
+        let rolling = if self.imu_active {
+            ROLLING_NOISE_SHARE * ROLLING_NOISE_SHARE
         } else {
             1.0
         };
-        let factor = self.wheel_noise_factor * share * share;
-        [position, position, heading].map(|variance| variance * factor)
+        let noise = config.wheel_noise(measured, self.wheel_interval);
+        let variances = self.wheel_noise.variances(&noise);
+        let axes = [
+            [along.x, along.y, 0.0],
+            [-along.y, along.x, 0.0],
+            [0.0, 0.0, 1.0],
+        ];
+        for (direction, (axis, terms)) in axes.into_iter().zip(variances).enumerate() {
+            let terms = terms.map(|variance| rolling * variance);
+            let slip = if direction < 2 { slip * slip } else { 0.0 };
+            let variance = terms.iter().sum::<f32>() + rolling * slip;
+            let innovation = self.wheel_innovation(measured, axis);
+            let (jacobian, count) = self.wheel_jacobian(measured, axis);
+            let total = self.update_scalar(&jacobian[..count], innovation, variance);
+            if self.imu_active {
+                // Without an inertial unit the prediction is deliberately vague, and the innovation says nothing.
+                self.wheel_noise
+                    .update_by_wheels(direction, terms, innovation, total);
+            }
+            // The posterior's variance P R/(P + R) grows with R by (P/(P + R))².
+            let share = ((total - variance) / total.max(f32::MIN_POSITIVE)).powi(2);
+            self.wheel_noise.add_variances(direction, terms, share);
+        }
+    }
+
+    /// Innovation 0 − h(x) along `axis`, with h = Δ + T s − C m: increment, slip and corrected measurement.
+    fn wheel_innovation(&self, measured: [f32; 3], axis: [f32; 3]) -> f32 {
+        let innovation = |i: usize| {
+            let corrected: f32 = (0..3).map(|j| self.state[entry(i, j)] * measured[j]).sum();
+            corrected - self.state[WHEEL_INCREMENT + i] - self.wheel_interval * self.state[SLIP + i]
+        };
+        (0..3)
+            .filter(|&i| axis[i] != 0.0)
+            .map(|i| axis[i] * innovation(i))
+            .sum()
+    }
+
+    /// Row of H along `axis`, the derivative of h, and the number of its entries.
+    fn wheel_jacobian(&self, measured: [f32; 3], axis: [f32; 3]) -> (Jacobian, usize) {
+        let mut row = Jacobian::default();
+        let mut count = 0;
+        for (i, factor) in axis.into_iter().enumerate().filter(|(_, a)| *a != 0.0) {
+            row[count] = (WHEEL_INCREMENT + i, factor);
+            row[count + 1] = (SLIP + i, factor * self.wheel_interval);
+            for j in 0..3 {
+                row[count + 2 + j] = (entry(i, j), -factor * measured[j]);
+            }
+            count += 5;
+        }
+        (row, count)
     }
 
     /// Velocity of the wheels against the predicted one, for the collision detector.
     fn wheel_mismatch(&self, measured: [f32; 3]) -> WheelMismatch {
-        let innovation = self.wheel_innovation(measured);
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let innovation = axes.map(|axis| self.wheel_innovation(measured, axis));
         let per_second = 1.0 / self.wheel_interval;
         let variance = |k: usize| {
             let p = &self.covariance;
@@ -101,7 +144,8 @@ impl JointFilter {
     }
 
     pub(super) fn clamp_scales(&mut self) {
-        for scale in &mut self.state[ODOMETRY_SCALES..ODOMETRY_SCALES + 2] {
+        for k in 0..3 {
+            let scale = &mut self.state[entry(k, k)];
             *scale = scale.clamp(SCALE_RANGE.0, SCALE_RANGE.1);
         }
     }

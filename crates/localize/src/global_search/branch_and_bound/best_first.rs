@@ -1,8 +1,8 @@
 //! Best-first search: blocks are searched in the order of their bounds until none can hold a better cell.
 
-use super::BranchAndBound;
-use super::bound::bounds_width;
-use super::tables::{BATCH, BLOCK, LANES, ROWS};
+use super::bound::{bounds_layer, bounds_width};
+use super::tables::{BATCH, BLOCK, LANES};
+use super::{BranchAndBound, HeadingRange};
 use crate::frames::Pose;
 
 /// A block of poses at one heading, with the upper bound of its cells' scores.
@@ -32,16 +32,30 @@ pub(super) struct PoseCell {
     pub(super) pose: Pose,
 }
 
+/// Blocks in the order of their bounds, and the state of the search through them.
+#[derive(Debug, Clone)]
+pub(super) struct SortedBlocks {
+    headings: HeadingRange,
+    blocks: Vec<PoseBlock>,
+    next: usize,
+    /// Best score so far.
+    best: u16,
+    /// Blocks for runners-up that may still be searched.
+    runners_up_left: usize,
+    cells: Vec<PoseCell>,
+}
+
 /// Number of headings whose best-bounded block is searched first, for an early estimate of the best score.
 const SEED_HEADINGS: usize = 4;
 
 impl BranchAndBound {
-    /// The best cells at `count` headings from `first` (radians) in steps of `step`: distinct, best first.
-    pub(super) fn find_best_cells(&self, first: f32, step: f32, count: usize) -> Vec<PoseCell> {
+    /// The blocks that may hold the best cells, in the order of their bounds.
+    pub(super) fn sort_blocks(&self, headings: HeadingRange) -> SortedBlocks {
+        let count = headings.count;
         let width = bounds_width(&self.tables);
-        let layer = self.tables.rows.next_multiple_of(ROWS) * width;
+        let layer = bounds_layer(&self.tables);
         // Rows of blocks without the padding, with the indices of heading and row.
-        let rows = self.bounds[..count * layer]
+        let rows = self.search.bounds[..count * layer]
             .chunks_exact(layer)
             .enumerate()
             .flat_map(|(heading, layer)| {
@@ -57,20 +71,11 @@ impl BranchAndBound {
             }
         }
         best_blocks.sort_by_key(|block| std::cmp::Reverse(block.bound));
-        let runner_up_share = self.config.runner_up_share;
-        let score_min = |best: u16| (f32::from(best) * runner_up_share) as u16;
         let mut best = 0;
-        let points = self.selected_points.len();
-        let offsets = |heading: u16| {
-            let start = usize::from(heading) * points;
-            &self.offsets[start..start + points]
-        };
         for block in best_blocks.into_iter().take(SEED_HEADINGS) {
-            let heading = first + f32::from(block.heading) * step;
-            let cell = self.best_cell(block, heading, offsets(block.heading));
-            best = best.max(cell.score);
+            best = best.max(self.best_cell(block, &headings).score);
         }
-        let floor = score_min(best);
+        let floor = self.score_min(best);
         let mut blocks: Vec<PoseBlock> = Vec::new();
         for (heading, row, bounds) in rows {
             if bound_max(bounds) <= floor {
@@ -92,23 +97,46 @@ impl BranchAndBound {
                 block.column,
             )
         });
-        let mut cells: Vec<PoseCell> = Vec::new();
-        let mut blocks_left = self.config.runner_up_blocks;
-        for block in blocks {
-            if block.bound <= best {
-                if block.bound <= score_min(best) || blocks_left == 0 {
-                    break;
+        SortedBlocks {
+            headings,
+            blocks,
+            next: 0,
+            best,
+            runners_up_left: self.config.runner_up_blocks,
+            cells: Vec::new(),
+        }
+    }
+
+    /// Smallest score of a hypothesis.
+    fn score_min(&self, best: u16) -> u16 {
+        (f32::from(best) * self.config.runner_up_share) as u16
+    }
+
+    /// Searches the next blocks, `count` at most. Returns true when no other block can hold a better cell.
+    pub(super) fn search_blocks(&self, sorted: &mut SortedBlocks, count: usize) -> bool {
+        let end = sorted.blocks.len().min(sorted.next.saturating_add(count));
+        while sorted.next < end {
+            let block = sorted.blocks[sorted.next];
+            if block.bound <= sorted.best {
+                if block.bound <= self.score_min(sorted.best) || sorted.runners_up_left == 0 {
+                    return true;
                 }
-                blocks_left -= 1;
+                sorted.runners_up_left -= 1;
             }
-            let heading = first + f32::from(block.heading) * step;
-            let cell = self.best_cell(block, heading, offsets(block.heading));
-            best = best.max(cell.score);
-            if cell.score > score_min(best) {
-                cells.push(cell);
+            sorted.next += 1;
+            let cell = self.best_cell(block, &sorted.headings);
+            sorted.best = sorted.best.max(cell.score);
+            if cell.score > self.score_min(sorted.best) {
+                sorted.cells.push(cell);
             }
         }
-        self.suppress_neighbours(cells, score_min(best))
+        sorted.next == sorted.blocks.len()
+    }
+
+    /// The best distinct cells of the blocks searched, best first.
+    pub(super) fn best_cells(&self, sorted: SortedBlocks) -> Vec<PoseCell> {
+        let score_min = self.score_min(sorted.best);
+        self.suppress_neighbours(sorted.cells, score_min)
     }
 
     /// The best cells with scores above `score_min`, without those close to a better one.
@@ -129,8 +157,12 @@ impl BranchAndBound {
         distinct
     }
 
-    /// The best cell of a block at `heading` (radians), with the points' cell offsets at that heading.
-    fn best_cell(&self, block: PoseBlock, heading: f32, offsets: &[(u32, u32)]) -> PoseCell {
+    /// The best cell of a block.
+    fn best_cell(&self, block: PoseBlock, headings: &HeadingRange) -> PoseCell {
+        let heading = headings.heading(usize::from(block.heading));
+        let points = self.search.selected_points.len();
+        let start = usize::from(block.heading) * points;
+        let offsets = &self.search.offsets[start..start + points];
         let tables = &self.tables;
         let stride = tables.score_stride;
         let at = usize::from(block.row) * BLOCK * stride + usize::from(block.column) * BLOCK;

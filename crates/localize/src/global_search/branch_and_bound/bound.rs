@@ -1,24 +1,40 @@
 //! Upper bounds of the scores of all blocks at a heading, as sums of table rows.
 
-use super::BranchAndBound;
 use super::tables::{BATCH, BLOCK, LANES, ROWS, ScoreTables};
+use super::{BranchAndBound, HeadingRange, SearchBuffers};
 
 impl BranchAndBound {
-    /// Computes the bounds of all blocks at `count` headings from `first` on, and the points' offsets at each heading.
+    /// Clears the bounds for a search over `headings`.
     ///
     /// Rows are `bounds_width` long, zero beyond the blocks, and padded to a multiple of `ROWS`.
-    pub(super) fn compute_bounds(&mut self, first: f32, step: f32, count: usize) {
+    pub(super) fn start_bounds(&mut self, headings: &HeadingRange) {
+        let layer = bounds_layer(&self.tables);
+        self.search.bounds.resize(headings.count * layer, 0);
+        self.search.offsets.clear();
+    }
+
+    /// Computes the bounds of all blocks at the `indices` of headings, which continue the previous ones, and the points'
+    /// offsets at each heading.
+    pub(super) fn compute_bounds(
+        &mut self,
+        headings: &HeadingRange,
+        indices: std::ops::Range<usize>,
+    ) {
         let tables = &self.tables;
-        let layer = tables.rows.next_multiple_of(ROWS) * bounds_width(tables);
-        self.bounds.resize(count * layer, 0);
-        let mut bases = Vec::with_capacity(self.selected_points.len());
-        self.offsets.clear();
-        for (heading, bounds) in self.bounds.chunks_exact_mut(layer).enumerate() {
-            let heading = first + heading as f32 * step;
-            let start = self.offsets.len();
-            tables.point_offsets(&self.selected_points, heading, &mut self.offsets);
+        let layer = bounds_layer(tables);
+        let SearchBuffers {
+            bounds,
+            offsets,
+            selected_points,
+            ..
+        } = &mut self.search;
+        let mut bases = Vec::with_capacity(selected_points.len());
+        let layers = bounds.chunks_exact_mut(layer).enumerate();
+        for (index, bounds) in layers.take(indices.end).skip(indices.start) {
+            let start = offsets.len();
+            tables.point_offsets(selected_points, headings.heading(index), offsets);
             bases.clear();
-            bases.extend(self.offsets[start..].iter().map(|&(x, y)| {
+            bases.extend(offsets[start..].iter().map(|&(x, y)| {
                 let (x, y) = (x as usize, y as usize);
                 let plane = (y % BLOCK) * BLOCK + x % BLOCK;
                 plane * tables.plane_size + (y / BLOCK) * tables.plane_stride + x / BLOCK
@@ -34,6 +50,11 @@ impl BranchAndBound {
             }
         }
     }
+}
+
+/// Number of bounds at one heading.
+pub(super) fn bounds_layer(tables: &ScoreTables) -> usize {
+    tables.rows.next_multiple_of(ROWS) * bounds_width(tables)
 }
 
 /// Number of blocks in a row of bounds.

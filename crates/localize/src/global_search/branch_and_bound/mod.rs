@@ -8,12 +8,14 @@
 mod best_first;
 mod bound;
 mod config;
+mod gradual;
 mod rank;
 mod tables;
 
 use nalgebra::Matrix3;
 
 pub use config::BranchAndBoundConfig;
+pub use gradual::GradualSearch;
 
 use crate::field::Field;
 use crate::frames::{Pose, wrap_angle};
@@ -73,6 +75,12 @@ pub struct BranchAndBound {
     tables: ScoreTables,
     /// True if a half turn maps the markings onto themselves.
     half_turn_symmetric: bool,
+    search: SearchBuffers,
+}
+
+/// Points and tables of one search.
+#[derive(Debug, Clone, Default)]
+struct SearchBuffers {
     /// True if this search covers headings up to π only: a pose then represents its half turn, too.
     fold_half_turn: bool,
     bounds: Vec<u16>,
@@ -86,10 +94,7 @@ impl BranchAndBound {
         BranchAndBound {
             tables: ScoreTables::new(field, distances, &config),
             half_turn_symmetric: half_turn_symmetric(field, distances),
-            fold_half_turn: false,
-            bounds: Vec::new(),
-            offsets: Vec::new(),
-            selected_points: Vec::new(),
+            search: SearchBuffers::default(),
             config,
         }
     }
@@ -115,14 +120,16 @@ impl BranchAndBound {
         prior: Option<HeadingPrior>,
     ) -> Vec<Hypothesis> {
         self.select_points(points);
-        if self.selected_points.is_empty() {
+        if self.search.selected_points.is_empty() {
             return Vec::new();
         }
-        self.fold_half_turn = prior.is_none() && self.half_turn_symmetric;
-        let (first, count) = self.heading_range(prior);
-        let step = self.config.heading_step_deg.to_radians();
-        self.compute_bounds(first, step, count);
-        let cells = self.find_best_cells(first, step, count);
+        self.search.fold_half_turn = prior.is_none() && self.half_turn_symmetric;
+        let headings = self.heading_range(prior);
+        self.start_bounds(&headings);
+        self.compute_bounds(&headings, 0..headings.count);
+        let mut blocks = self.sort_blocks(headings);
+        self.search_blocks(&mut blocks, usize::MAX);
+        let cells = self.best_cells(blocks);
         let starts: Vec<Pose> = cells.iter().map(|cell| cell.pose).collect();
         let start_error = self.config.kernel_scale;
         self.rank(distances, matcher, points, &starts, prior, start_error)
@@ -131,33 +138,41 @@ impl BranchAndBound {
     /// Selects the points within range, evenly thinned out.
     fn select_points(&mut self, points: &[LinePoint]) {
         let range = self.config.range_max;
-        self.selected_points.clear();
-        self.selected_points.extend(
+        self.search.selected_points.clear();
+        self.search.selected_points.extend(
             points
                 .iter()
                 .filter(|point| point.at.distance() < range)
                 .copied(),
         );
-        let (count, most) = (self.selected_points.len(), self.config.points_max);
+        let (count, most) = (self.search.selected_points.len(), self.config.points_max);
         if count > most {
             for k in 0..most {
-                self.selected_points[k] = self.selected_points[k * count / most];
+                self.search.selected_points[k] = self.search.selected_points[k * count / most];
             }
-            self.selected_points.truncate(most);
+            self.search.selected_points.truncate(most);
         }
     }
 
-    /// First heading and number of headings to search.
-    fn heading_range(&self, prior: Option<HeadingPrior>) -> (f32, usize) {
+    /// Headings to search.
+    fn heading_range(&self, prior: Option<HeadingPrior>) -> HeadingRange {
         use std::f32::consts::{PI, TAU};
         let step = self.config.heading_step_deg.to_radians();
-        let all = if self.fold_half_turn { PI } else { TAU };
+        let all = if self.search.fold_half_turn { PI } else { TAU };
         let Some(prior) = prior else {
-            return (0.0, (all / step).ceil() as usize);
+            return HeadingRange {
+                first: 0.0,
+                step,
+                count: (all / step).ceil() as usize,
+            };
         };
         let half = (3.0 * prior.std).min(PI);
         let count = ((2.0 * half / step).ceil() as usize).max(1);
-        (prior.heading - half + 0.5 * step, count)
+        HeadingRange {
+            first: prior.heading - half + 0.5 * step,
+            step,
+            count,
+        }
     }
 
     /// True if two poses are too close to be two hypotheses.
@@ -169,7 +184,21 @@ impl BranchAndBound {
     /// As `is_same_hypothesis`, modulo the half turn if headings up to π are searched.
     fn is_same_up_to_fold(&self, a: Pose, b: Pose) -> bool {
         self.is_same_hypothesis(a, b)
-            || self.fold_half_turn && self.is_same_hypothesis(a, half_turn(b))
+            || self.search.fold_half_turn && self.is_same_hypothesis(a, half_turn(b))
+    }
+}
+
+/// Headings of a search, radians.
+#[derive(Debug, Clone, Copy, Default)]
+struct HeadingRange {
+    first: f32,
+    step: f32,
+    count: usize,
+}
+
+impl HeadingRange {
+    fn heading(&self, index: usize) -> f32 {
+        self.first + index as f32 * self.step
     }
 }
 

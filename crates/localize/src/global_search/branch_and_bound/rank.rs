@@ -27,8 +27,8 @@ impl BranchAndBound {
         start_error: f32,
     ) -> Vec<Hypothesis> {
         self.select_points(points);
-        self.fold_half_turn = prior.is_none() && self.half_turn_symmetric;
-        let selected_points = std::mem::take(&mut self.selected_points);
+        self.search.fold_half_turn = prior.is_none() && self.half_turn_symmetric;
+        let selected_points = std::mem::take(&mut self.search.selected_points);
         let mut ranked: Vec<RankedHypothesis> = Vec::new();
         for start in screen(distances, &selected_points, starts, start_error) {
             let matched = matcher.refine(distances, &selected_points, start, start_error);
@@ -46,9 +46,9 @@ impl BranchAndBound {
                 hypothesis: Hypothesis::from_match(&matched),
             });
         }
-        self.selected_points = selected_points;
+        self.search.selected_points = selected_points;
         ranked.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-        if self.fold_half_turn {
+        if self.search.fold_half_turn {
             ranked = ranked
                 .into_iter()
                 .flat_map(|first| {

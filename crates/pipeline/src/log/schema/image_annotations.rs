@@ -4,6 +4,8 @@ use foxglove::messages::{
     ImageAnnotations, Point2, PointsAnnotation, TextAnnotation, points_annotation,
 };
 
+use localize::Stamp;
+
 use super::scene::color;
 use super::timestamp;
 use crate::cycle::Cycle;
@@ -12,10 +14,10 @@ const POINT: [f64; 4] = [1.0, 0.1, 0.6, 1.0];
 const REFUSED: [f64; 4] = [1.0, 0.8, 0.0, 0.7];
 const TEXT: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
 
-/// Line points and rejected candidates of a cycle's image. None without an image.
-pub(crate) fn image_annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
+/// Line points and rejected candidates of a cycle's image; `stamp`: time of the message. None without an image.
+pub(crate) fn image_annotations(cycle: &Cycle, stamp: Stamp) -> Option<ImageAnnotations> {
     let detections = cycle.detections.as_ref()?;
-    let stamp = timestamp(cycle.stamp);
+    let stamp = timestamp(stamp);
     // The origin of viewers is the corner of the first pixel, that of Mirrorball its centre.
     let point = |[u, v]: [f32; 2]| Point2 {
         x: f64::from(u) + 0.5,

@@ -16,7 +16,6 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use anyhow::{Context as _, Result, anyhow};
-pub use foxglove::Context;
 pub(crate) use foxglove::messages::log::Level;
 use foxglove::messages::{
     CompressedImage, FrameTransforms, ImageAnnotations, Log, PointCloud, PoseInFrame, PosesInFrame,
@@ -27,6 +26,7 @@ use foxglove::{
     Channel, Encode, McapAttachment, McapCompression, McapWriteOptions, McapWriterHandle,
     PartialMetadata, RawChannel, Schema,
 };
+pub use foxglove::{Context, SinkId};
 use localize::Stamp;
 use prost::Message;
 
@@ -43,6 +43,10 @@ pub const PROJECT_NAME: &str = "mirrorball";
 pub const CYCLE_TOPIC: &str = "/cycle";
 /// Topic of `wire::About`, the first message of a live stream.
 pub const ABOUT_TOPIC: &str = "/about";
+/// Topics of the field's markings, which a viewer gets when it subscribes.
+pub const FIELD_LINES_TOPIC: &str = "/field/lines";
+/// The markings as lines, and all objects.
+pub const FIELD_SCENE_TOPIC: &str = "/field/scene";
 /// Topic of the images.
 pub const IMAGE_TOPIC: &str = "/camera/image";
 
@@ -68,6 +72,7 @@ pub struct Topics {
     pub(crate) command: CustomChannel<wire::Command>,
     pub(crate) team: CustomChannel<wire::TeamView>,
     pub(crate) pose: FoxgloveChannel<PoseInFrame>,
+    pub(crate) map_correction: CustomChannel<wire::MapCorrection>,
     pub(crate) particles: FoxgloveChannel<PosesInFrame>,
     pub(crate) truth: FoxgloveChannel<PoseInFrame>,
     pub(crate) transforms: FoxgloveChannel<FrameTransforms>,
@@ -93,11 +98,12 @@ impl Topics {
             command: CustomChannel::new(context, "/command")?,
             team: CustomChannel::new(context, "/team")?,
             pose: FoxgloveChannel::new(context, "/pose"),
+            map_correction: CustomChannel::new(context, "/map/correction")?,
             particles: FoxgloveChannel::new(context, "/pose/particles"),
             truth: FoxgloveChannel::new(context, "/truth/pose"),
             transforms: FoxgloveChannel::new(context, "/tf"),
-            field_lines: FoxgloveChannel::new(context, "/field/lines"),
-            scene: FoxgloveChannel::new(context, "/field/scene"),
+            field_lines: FoxgloveChannel::new(context, FIELD_LINES_TOPIC),
+            scene: FoxgloveChannel::new(context, FIELD_SCENE_TOPIC),
             cycle: CustomChannel::new(context, CYCLE_TOPIC)?,
             log: FoxgloveChannel::new(context, "/log"),
         })
@@ -226,7 +232,13 @@ impl<M: Encode> FoxgloveChannel<M> {
 
     /// Logs a message.
     pub(crate) fn log_at(&self, message: &M, stamp: Stamp) {
-        self.0.log_with_time(message, log_time(stamp));
+        self.log_to(message, stamp, None);
+    }
+
+    /// Logs a message for one subscriber, or for all if there is none.
+    pub(crate) fn log_to(&self, message: &M, stamp: Stamp, subscriber: Option<SinkId>) {
+        let meta = PartialMetadata::with_log_time(log_time(stamp));
+        self.0.log_with_meta_to_sink(message, meta, subscriber);
     }
 }
 
@@ -252,9 +264,14 @@ impl<M: Message + Encode> CustomChannel<M> {
 
     /// Logs a message.
     pub fn log_at(&self, message: &M, stamp: Stamp) {
+        self.log_to(message, stamp, None);
+    }
+
+    /// Logs a message for one subscriber, or for all if there is none.
+    pub fn log_to(&self, message: &M, stamp: Stamp, subscriber: Option<SinkId>) {
         let meta = PartialMetadata::with_log_time(log_time(stamp));
         self.channel
-            .log_with_meta(&Message::encode_to_vec(message), meta);
+            .log_with_meta_to_sink(&Message::encode_to_vec(message), meta, subscriber);
     }
 }
 

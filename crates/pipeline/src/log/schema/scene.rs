@@ -92,13 +92,13 @@ pub(crate) fn field_scene(field: &Field, stamp: Stamp) -> SceneUpdate {
     }
 }
 
-/// The estimated pose, the tracked objects and the ground truth.
-pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
+/// The estimated pose, the tracked objects and the ground truth; `stamp`: time of the message.
+pub(crate) fn cycle_scene(cycle: &Cycle, stamp: Stamp) -> SceneUpdate {
     let mut entities = Vec::new();
     if let Some(pose) = cycle.estimate.pose {
         entities.push(SceneEntity {
             arrows: vec![arrow(pose, ESTIMATE)],
-            ..entity(cycle.stamp, "estimate", Some(LIFETIME_S))
+            ..entity(stamp, "estimate", Some(LIFETIME_S))
         });
     }
     let placed = |object: &TrackedObject| object.on_field.map(|on| on.at);
@@ -116,12 +116,12 @@ pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
             .iter()
             .filter_map(|robot| Some(cylinder(placed(robot)?, team_color(robot.team))))
             .collect(),
-        ..entity(cycle.stamp, "world", Some(LIFETIME_S))
+        ..entity(stamp, "world", Some(LIFETIME_S))
     });
     if let Some(ball) = &cycle.team.ball {
         entities.push(SceneEntity {
             spheres: vec![sphere(ball.at, TEAM_BALL)],
-            ..entity(cycle.stamp, "team", Some(LIFETIME_S))
+            ..entity(stamp, "team", Some(LIFETIME_S))
         });
     }
     if let Some(truth) = &cycle.inputs.truth {
@@ -133,7 +133,7 @@ pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
                 .into_iter()
                 .collect(),
             cylinders: truth.robots.iter().map(|at| cylinder(*at, GREY)).collect(),
-            ..entity(truth.stamp, "truth", Some(LIFETIME_S))
+            ..entity(stamp, "truth", Some(LIFETIME_S))
         });
     }
     SceneUpdate {

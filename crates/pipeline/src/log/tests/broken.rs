@@ -7,7 +7,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::feed::Pace;
-use crate::log::{Header, ImageCompression, LogConfig, LogEnd, LogReader, Recorder, recover};
+use crate::log::{
+    Header, ImageCompression, LogConfig, LogEnd, LogIndex, LogReader, Recorder, recover,
+};
 use crate::testing::{field, random_cycle, read, read_error, record};
 
 #[test]
@@ -216,4 +218,80 @@ fn a_log_whose_writer_is_killed_can_be_read() {
         Some(random_cycle(cycles.len() as u64 - 1).stamp)
     );
     assert_eq!(read(&whole).len(), cycles.len());
+}
+
+/// Writes an MCAP file of one chunk with a channel and messages of zeros, compressed, with or without a checksum.
+fn write_bomb(path: &Path, message_bytes: usize, messages: u64, checksum: bool) {
+    let file = std::fs::File::create(path).expect("a file");
+    let options = mcap::WriteOptions::new()
+        .chunk_size(None)
+        .calculate_chunk_crcs(checksum)
+        .compression_threads(0)
+        .emit_message_indexes(false);
+    let mut writer = options.create(file).expect("a writer");
+    let header = Header::new("test", None);
+    writer
+        .write_metadata(&mcap::records::Metadata {
+            name: "mirrorball".to_owned(),
+            metadata: header.metadata(),
+        })
+        .expect("metadata");
+    let channel = writer
+        .add_channel(0, "/cycle", "protobuf", &Default::default())
+        .expect("a channel");
+    let data = vec![0; message_bytes];
+    for number in 0..messages {
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: 0,
+            log_time: number,
+            publish_time: number,
+        };
+        writer
+            .write_to_known_channel(&header, &data)
+            .expect("written");
+    }
+    writer.finish().expect("finished");
+}
+
+#[test]
+fn chunk_that_unpacks_to_far_more_than_its_size_is_refused_by_every_reader() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("bomb.mcap");
+    for checksum in [false, true] {
+        write_bomb(&path, 1024 * 1024, 100, checksum);
+        assert!(std::fs::metadata(&path).expect("a file").len() < 100_000);
+        let message = read_error(&path);
+        assert!(message.contains("unpacks to"), "{message}");
+        let recovered = recover(&path, &folder.path().join("b.mcap")).expect("recovered");
+        assert_eq!(recovered.messages, 0);
+        let index = LogIndex::open(&path).expect("an index");
+        assert!(index.load(0).is_err());
+    }
+}
+
+#[test]
+fn log_naming_a_file_outside_itself_is_refused() {
+    for (robot, key) in [
+        ("field = \"/etc/shadow\"\n", "field"),
+        ("field = \"field.toml\"\nmask = \"../mask.png\"\n", "mask"),
+        (
+            "field = \"field.toml\"\n[map]\nfile = \"/dev/zero\"\n",
+            "map.file",
+        ),
+    ] {
+        let header = Header::new("test", None)
+            .with_file("robot.toml", robot)
+            .with_file("field.toml", "");
+        let folder = tempfile::tempdir().expect("a folder");
+        let error = format!(
+            "{:#}",
+            header.write_files(folder.path()).expect_err("refused")
+        );
+        assert!(error.contains(&format!("robot.toml: {key} = ")), "{error}");
+        assert_eq!(
+            std::fs::read_dir(folder.path()).expect("a folder").count(),
+            0
+        );
+    }
 }

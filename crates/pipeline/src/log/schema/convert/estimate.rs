@@ -1,9 +1,10 @@
 //! How is an estimate converted to its message and back?
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use localize::Stamp;
-use localize::estimate::{Estimate, Mode, Reason};
+use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::global_search::branch_and_bound::Hypothesis;
+use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
 
 use super::super::wire;
@@ -21,6 +22,8 @@ names!(reason_name, reason_named: Reason {
     Ambiguous = "ambiguous",
     OutOfOrder = "out of order" | "from the past",
     Searching = "searching",
+    DoubtfulSetup = "doubtful set-up",
+    CameraKnocked = "camera knocked",
 });
 pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
     let Estimate {
@@ -39,6 +42,8 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         collision,
         gyro_bias,
         latency,
+        fit,
+        map_correction,
         runners_up,
     } = estimate;
     wire::Estimate {
@@ -58,6 +63,14 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         collision: *collision,
         gyro_bias: *gyro_bias,
         latency: *latency,
+        fit: Some(wire::Fit {
+            on_markings: fit.on_markings,
+            residual: fit.residual,
+            markings_seen: fit.markings_seen,
+            wheels: fit.wheels,
+            compass: fit.compass,
+        }),
+        map_correction: map_correction.as_ref().map(map_correction_to_wire),
     }
 }
 
@@ -89,6 +102,49 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
         collision: estimate.collision,
         gyro_bias: estimate.gyro_bias,
         latency: estimate.latency,
+        fit: estimate.fit.map_or_else(Fit::default, |fit| Fit {
+            on_markings: fit.on_markings,
+            residual: fit.residual,
+            markings_seen: fit.markings_seen,
+            wheels: fit.wheels,
+            compass: fit.compass,
+        }),
+        map_correction: estimate
+            .map_correction
+            .map(map_correction_from_wire)
+            .transpose()?,
+    })
+}
+
+pub(crate) fn map_correction_to_wire(map: &MapCorrectionEstimate) -> wire::MapCorrection {
+    wire::MapCorrection {
+        names: map
+            .terms
+            .iter()
+            .map(|term| term.kind.name().to_owned())
+            .collect(),
+        values: map.terms.iter().map(|term| term.value).collect(),
+        stds: map.terms.iter().map(|term| term.std).collect(),
+        images: map.images,
+        knocks: map.knocks,
+        displacement_at_3_m: map.displacement_at_3_m,
+        displacement_std_at_3_m: map.displacement_std_at_3_m,
+    }
+}
+
+fn map_correction_from_wire(map: wire::MapCorrection) -> Result<MapCorrectionEstimate> {
+    let values = map.values.into_iter().zip(map.stds);
+    let terms = map.names.iter().zip(values).map(|(name, (value, std))| {
+        let kind = TermKind::from_name(name)
+            .with_context(|| format!("an unknown of the map with the unknown name {name:?}"))?;
+        Ok(TermEstimate { kind, value, std })
+    });
+    Ok(MapCorrectionEstimate {
+        terms: terms.collect::<Result<_>>()?,
+        images: map.images,
+        knocks: map.knocks,
+        displacement_at_3_m: map.displacement_at_3_m,
+        displacement_std_at_3_m: map.displacement_std_at_3_m,
     })
 }
 
@@ -123,6 +179,11 @@ fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
         residual: hypothesis.residual,
         tilt: pair(&hypothesis.lean)?,
     })
+}
+
+/// The estimate's reason as text; empty if the pose is simply tracked.
+pub fn reason_text(estimate: &Estimate) -> &'static str {
+    estimate.reason.map_or("", reason_name)
 }
 
 /// The estimate's mode and reason as text.

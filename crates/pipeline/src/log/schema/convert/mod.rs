@@ -17,8 +17,8 @@ use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 pub(crate) use detections::{
     ball_to_wire, detections_from_wire, detections_to_wire, robot_to_wire,
 };
-pub use estimate::mode_and_reason;
-pub(crate) use estimate::{estimate_from_wire, estimate_to_wire};
+pub(crate) use estimate::{estimate_from_wire, estimate_to_wire, map_correction_to_wire};
+pub use estimate::{mode_and_reason, reason_text};
 use geometry::{
     line_points_from_wire, line_points_to_wire, pose_from_wire, pose_to_wire, same_length,
 };
@@ -52,6 +52,8 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         reports,
         truth,
         image: _,
+        setting,
+        settings,
     } = inputs;
     wire::Cycle {
         index,
@@ -72,6 +74,9 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         reports: reports.iter().map(team::team_report_to_wire).collect(),
         world: world::world_to_wire(world),
         team: team_to_wire(team),
+        reported_exposure: setting.map(|setting| setting.exposure),
+        reported_gain: setting.map(|setting| setting.gain),
+        settings: settings.as_ref().map(|settings| settings.to_string()),
     }
 }
 
@@ -116,6 +121,8 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
                 .collect::<Result<_>>()?,
             truth: cycle.truth.map(ground_truth_from_wire).transpose()?,
             image: None,
+            setting: sensors::camera_setting(cycle.reported_exposure, cycle.reported_gain),
+            settings: cycle.settings.map(Into::into),
         },
         detections: cycle.seen.map(detections_from_wire).transpose()?,
         line_points: line_points_from_wire(cycle.points)?,
@@ -203,6 +210,7 @@ fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
         ball,
         robots,
         robot_headings: _,
+        people: _,
     } = truth;
     wire::GroundTruth {
         stamp_ns: stamp.0,
@@ -233,5 +241,6 @@ fn ground_truth_from_wire(truth: wire::GroundTruth) -> Result<GroundTruth> {
             .map(|(&x, &y)| At::new(x, y))
             .collect(),
         robot_headings: Vec::new(),
+        people: Vec::new(),
     })
 }

@@ -80,19 +80,21 @@ pub(crate) fn exposure_to_wire(reading: &ExposureStatus) -> wire::Exposure {
     }
 }
 
+/// A setting of the camera, if both values are there.
+pub(super) fn camera_setting(exposure: Option<f32>, gain: Option<f32>) -> Option<CameraSetting> {
+    Some(CameraSetting {
+        exposure: exposure?,
+        gain: gain?,
+    })
+}
+
 pub(super) fn exposure_from_wire(reading: &wire::Exposure) -> ExposureStatus {
-    let setting = |exposure: Option<f32>, gain: Option<f32>| {
-        Some(CameraSetting {
-            exposure: exposure?,
-            gain: gain?,
-        })
-    };
     ExposureStatus {
         entropy: reading.entropy,
         level: reading.level,
-        applied_setting: setting(reading.exposure, reading.gain),
+        applied_setting: camera_setting(reading.exposure, reading.gain),
         searching: reading.searching,
-        command: setting(reading.command_exposure, reading.command_gain).map(|setting| {
+        command: camera_setting(reading.command_exposure, reading.command_gain).map(|setting| {
             ExposureCommand {
                 setting,
                 from_frame: reading.command_from_frame,

@@ -1,0 +1,76 @@
+//! Which set-up explains a recording or a log best? Prints the edits that make it fit better.
+
+use std::path::Path;
+
+use anyhow::Result;
+use serde::Serialize;
+
+use crate::commands::arguments::UsageError;
+use crate::commands::locate::EXTERNAL_POINT_STD;
+use pipeline::PipelineConfig;
+use pipeline::recording::Recording;
+use pipeline::setup::Setup;
+use pipeline::setup_check::{self, Effort, SetupReport, Suggestion};
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Outcome {
+    #[serde(flatten)]
+    report: SetupReport,
+}
+
+/// Tries other set-ups on the recording folder or log.
+pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
+    let report = if folder.is_file() {
+        setup_check::check_log(folder, Effort::Full)?
+    } else if folder.is_dir() {
+        let setup = Setup::load(&folder.join("robot.toml"), map)?;
+        let recording = Recording::open(folder, EXTERNAL_POINT_STD)?;
+        let config = PipelineConfig::default();
+        setup_check::check_recording(&recording, &setup, &config, Effort::Full)?
+    } else {
+        let place = folder.display();
+        return Err(UsageError(format!("{place} is neither a folder nor a log")).into());
+    };
+    if json {
+        println!("{}", serde_json::to_string(&Outcome { report })?);
+        return Ok(());
+    }
+    print(&report);
+    Ok(())
+}
+
+fn print(report: &SetupReport) {
+    match &report.figures {
+        Some(figures) => println!("{} ({} keyframes)", figures.text(), figures.keyframes),
+        None => println!("too few images with line points to compare set-ups"),
+    }
+    if report.suggestions.is_empty() && report.warnings.is_empty() {
+        println!("no other set-up explains the recording better");
+        return;
+    }
+    let mut last_step = 0;
+    for suggestion in &report.suggestions {
+        let Suggestion {
+            change,
+            cause,
+            fit_before,
+            fit_after,
+            step,
+            ..
+        } = suggestion;
+        let joint = if *step == last_step { "or  " } else { "BAD " };
+        last_step = *step;
+        println!("{joint}{cause}");
+        println!(
+            "       -> {change}: explains {:.0} % instead of {:.0} %",
+            100.0 * fit_after,
+            100.0 * fit_before
+        );
+    }
+    if report.suggestions.is_empty() {
+        for warning in &report.warnings {
+            println!("BAD {warning}");
+        }
+    }
+}

@@ -1,0 +1,344 @@
+//! How are settings changed while the robot plays? A thread builds the pipeline of the new settings, and the run takes it
+//! between two cycles.
+
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use anyhow::{Context, Result, bail, ensure};
+use pipeline::config::apply_overlay;
+use pipeline::datagram::authentication::{MAC_BYTES, MacKey, append_mac, verify_mac};
+use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
+
+/// Key of an overlay that returns to the settings of the start, before its other values apply.
+const REVOKE_KEY: &str = "revoke";
+/// Changes that are listed in a message.
+const LISTED_CHANGES: usize = 8;
+
+/// A pipeline with other settings, ready for the next cycle.
+pub(crate) struct PreparedPipeline {
+    pub(crate) pipeline: Pipeline,
+    /// All its settings (TOML), for the log.
+    pub(crate) settings: String,
+    /// What has changed, for the operator.
+    pub(crate) changes: String,
+    config: PipelineConfig,
+}
+
+/// The run's side of the tuning.
+pub(crate) struct Tuning {
+    desk: TuningDesk,
+    prepared: Receiver<PreparedPipeline>,
+}
+
+/// The stream's side of the tuning; clones share it.
+#[derive(Clone)]
+pub(crate) struct TuningDesk {
+    requests: SyncSender<PipelineConfig>,
+    shared: Arc<Mutex<TuningState>>,
+    key: Option<MacKey>,
+}
+
+struct TuningState {
+    /// Settings of the start.
+    initial: PipelineConfig,
+    /// Settings in use.
+    current: PipelineConfig,
+    /// Number that the next sealed change must name.
+    nonce: String,
+    /// Result of the last change.
+    message: String,
+    /// Number of changes of anything here.
+    revision: u64,
+}
+
+/// What a client sees.
+#[derive(Debug, Clone)]
+pub(crate) struct TuningView {
+    /// Settings in use.
+    pub(crate) config: PipelineConfig,
+    /// Number that the next sealed change must name.
+    pub(crate) nonce: String,
+    /// Result of the last change.
+    pub(crate) message: String,
+    /// A change needs a seal.
+    pub(crate) is_sealed: bool,
+}
+
+impl Tuning {
+    /// Starts the thread that builds pipelines. `key`: the phrase under which changes are accepted; None accepts all.
+    pub(crate) fn start(setup: Setup, config: &PipelineConfig, key: Option<&str>) -> Result<Self> {
+        let shared = Arc::new(Mutex::new(TuningState {
+            initial: config.clone(),
+            current: config.clone(),
+            nonce: random_nonce()?,
+            message: String::new(),
+            revision: 0,
+        }));
+        // One change at a time.
+        let (requests, received) = sync_channel::<PipelineConfig>(1);
+        let (sender, prepared) = sync_channel(1);
+        let state = shared.clone();
+        let build = move || {
+            hw::realtime::lower_priority();
+            for config in received {
+                let current = lock(&state).current.clone();
+                match prepare(&setup, &current, config) {
+                    Ok(prepared) => {
+                        if sender.send(prepared).is_err() {
+                            return;
+                        }
+                    }
+                    Err(error) => lock(&state).report(format!("{error:#}")),
+                }
+            }
+        };
+        std::thread::Builder::new()
+            .name("tuning".to_owned())
+            .spawn(build)?;
+        Ok(Tuning {
+            desk: TuningDesk {
+                requests,
+                shared,
+                key: key.map(MacKey::new).transpose()?,
+            },
+            prepared,
+        })
+    }
+
+    /// The stream's side.
+    pub(crate) fn desk(&self) -> TuningDesk {
+        self.desk.clone()
+    }
+
+    /// A pipeline with new settings, if one is ready. It counts as in use from now on.
+    pub(crate) fn take_prepared(&self) -> Option<PreparedPipeline> {
+        let prepared = self.prepared.try_recv().ok()?;
+        let mut state = lock(&self.desk.shared);
+        state.current = prepared.config.clone();
+        state.report(format!("changed: {}", prepared.changes));
+        drop(state);
+        Some(prepared)
+    }
+}
+
+impl TuningDesk {
+    /// What a client sees now.
+    pub(crate) fn view(&self) -> TuningView {
+        let state = lock(&self.shared);
+        TuningView {
+            config: state.current.clone(),
+            nonce: state.nonce.clone(),
+            message: state.message.clone(),
+            is_sealed: self.key.is_some(),
+        }
+    }
+
+    /// Increases with every change and every rejection.
+    pub(crate) fn revision(&self) -> u64 {
+        lock(&self.shared).revision
+    }
+
+    /// Requests a change by an overlay (TOML). `seal`: from [`seal`], if there is a key.
+    ///
+    /// The result comes later, in [`TuningView::message`].
+    pub(crate) fn request(&self, overlay: &str, seal: Option<&str>) -> Result<()> {
+        let result = self.try_request(overlay, seal);
+        if let Err(error) = &result {
+            lock(&self.shared).report(format!("rejected: {error:#}"));
+        }
+        result
+    }
+
+    fn try_request(&self, overlay: &str, seal: Option<&str>) -> Result<()> {
+        let mut state = lock(&self.shared);
+        if let Some(key) = &self.key {
+            let seal =
+                seal.context("the settings of this robot are under a key: the change has no seal")?;
+            ensure!(
+                is_sealed(key, &state.nonce, overlay, seal),
+                "the change is not sealed under the key of this robot, or for an earlier nonce"
+            );
+            state.nonce = random_nonce()?;
+        }
+        let mut overlay: toml::Table = overlay.parse().context("invalid TOML")?;
+        let base = match overlay.remove(REVOKE_KEY) {
+            Some(toml::Value::Boolean(true)) => &state.initial,
+            Some(_) => bail!("{REVOKE_KEY}: expected true"),
+            None => &state.current,
+        };
+        let config = apply_overlay(base, overlay)?;
+        ensure!(
+            config.team.number == state.current.team.number,
+            "team.number cannot change while the robot plays"
+        );
+        let sent = self.requests.try_send(config);
+        sent.ok().context("another change is on its way. Try again")
+    }
+}
+
+impl TuningState {
+    fn report(&mut self, message: String) {
+        self.message = message;
+        self.revision += 1;
+    }
+}
+
+/// The seal of a change under a phrase: hexadecimal digits.
+pub(crate) fn seal(phrase: &str, nonce: &str, overlay: &str) -> Result<String> {
+    let key = MacKey::new(phrase)?;
+    let sealed = append_mac(sealed_content(nonce, overlay), Some(&key));
+    let code = &sealed[sealed.len() - MAC_BYTES..];
+    Ok(code.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+fn is_sealed(key: &MacKey, nonce: &str, overlay: &str, seal: &str) -> bool {
+    let digit = |byte: u8| (byte as char).to_digit(16);
+    let code: Option<Vec<u8>> = seal
+        .as_bytes()
+        .chunks(2)
+        .map(|pair| match pair {
+            [high, low] => Some((digit(*high)? * 16 + digit(*low)?) as u8),
+            _ => None,
+        })
+        .collect();
+    let Some(code) = code.filter(|code| code.len() == MAC_BYTES) else {
+        return false;
+    };
+    let sealed = [sealed_content(nonce, overlay), code].concat();
+    verify_mac(&sealed, Some(key)).is_ok()
+}
+
+fn sealed_content(nonce: &str, overlay: &str) -> Vec<u8> {
+    format!("mirrorball settings\n{nonce}\n{overlay}").into_bytes()
+}
+
+fn random_nonce() -> Result<String> {
+    let mut bytes = [0; 16];
+    std::fs::File::open("/dev/urandom")
+        .and_then(|mut file| file.read_exact(&mut bytes))
+        .context("cannot read /dev/urandom")?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+fn prepare(
+    setup: &Setup,
+    current: &PipelineConfig,
+    config: PipelineConfig,
+) -> Result<PreparedPipeline> {
+    let changes = describe_changes(current, &config)?;
+    let pipeline = Pipeline::new(setup, &config)?;
+    Ok(PreparedPipeline {
+        pipeline,
+        settings: toml::to_string(&config)?,
+        changes,
+        config,
+    })
+}
+
+/// The changed settings: `vision.scan.range_max 9 → 7`.
+fn describe_changes(before: &PipelineConfig, after: &PipelineConfig) -> Result<String> {
+    let [before, after] = [before, after].map(PipelineConfig::to_table);
+    let [before, after] = [flatten(&before?), flatten(&after?)];
+    let names: std::collections::BTreeSet<&String> = before.keys().chain(after.keys()).collect();
+    let text = |value: Option<&toml::Value>| match value {
+        Some(toml::Value::Float(number)) => format!("{}", *number as f32),
+        Some(value) => value.to_string(),
+        None => "not set".to_owned(),
+    };
+    let changed = names
+        .into_iter()
+        .filter(|name| before.get(*name) != after.get(*name))
+        .map(|name| {
+            let [before, after] = [&before, &after].map(|values| text(values.get(name)));
+            format!("{name} {before} → {after}")
+        });
+    let changed: Vec<String> = changed.collect();
+    Ok(match changed.len() {
+        0 => "no setting differs".to_owned(),
+        1..=LISTED_CHANGES => changed.join(", "),
+        count => format!(
+            "{} and {} more",
+            changed[..LISTED_CHANGES].join(", "),
+            count - LISTED_CHANGES
+        ),
+    })
+}
+
+/// All values by their names: `vision.scan.range_max`.
+pub(crate) fn flatten(table: &toml::Table) -> BTreeMap<String, toml::Value> {
+    let mut values = BTreeMap::new();
+    for (key, value) in table {
+        match value {
+            toml::Value::Table(inner) => {
+                let inner = flatten(inner).into_iter();
+                values.extend(inner.map(|(name, value)| (format!("{key}.{name}"), value)));
+            }
+            value => drop(values.insert(key.clone(), value.clone())),
+        }
+    }
+    values
+}
+
+// Settings and texts are valid even if a thread panicked with the lock.
+fn lock(state: &Mutex<TuningState>) -> MutexGuard<'_, TuningState> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_need_the_seal_for_the_present_nonce() {
+        let (requests, received) = sync_channel(8);
+        let desk = TuningDesk {
+            requests,
+            shared: Arc::new(Mutex::new(TuningState {
+                initial: PipelineConfig::default(),
+                current: PipelineConfig::default(),
+                nonce: random_nonce().expect("random"),
+                message: String::new(),
+                revision: 0,
+            })),
+            key: Some(MacKey::new("a shared phrase").expect("a key")),
+        };
+        let overlay = "vision.scan.range_max = 7.0";
+        let nonce = desk.view().nonce;
+        let good = seal("a shared phrase", &nonce, overlay).expect("sealed");
+        let other = seal("another phrase", &nonce, overlay).expect("sealed");
+        assert!(desk.request(overlay, None).is_err());
+        for wrong in [&other, "", "zz", &good[..30]] {
+            assert!(desk.request(overlay, Some(wrong)).is_err(), "{wrong}");
+        }
+        assert!(
+            desk.request("vision.scan.range_max = 8.0", Some(&good))
+                .is_err()
+        );
+        assert!(desk.request(overlay, Some(&good)).is_ok());
+        assert!(desk.request(overlay, Some(&good)).is_err(), "a replay");
+        let config = received.try_recv().expect("a change");
+        assert_eq!(config.vision.scan.range_max, 7.0);
+        // A sealed change that is invalid is rejected with its reason.
+        let invalid = "vision.scan.range_max = -1.0";
+        let sealed = seal("a shared phrase", &desk.view().nonce, invalid).expect("sealed");
+        assert!(desk.request(invalid, Some(&sealed)).is_err());
+        assert!(
+            desk.view().message.contains("must be between"),
+            "{}",
+            desk.view().message
+        );
+        assert!(received.try_recv().is_err());
+    }
+
+    #[test]
+    fn changes_are_described_by_name_and_values() {
+        let before = PipelineConfig::default();
+        let mut after = before.clone();
+        after.vision.scan.range_max = 7.1;
+        let text = describe_changes(&before, &after).expect("described");
+        assert_eq!(text, "vision.scan.range_max 9 → 7.1");
+    }
+}

@@ -1,0 +1,243 @@
+//! How well do images, wheels and compass fit the poses of the last seconds? (docs/methods.md 16.3)
+//!
+//! A wrong field, a mirrored or turned camera, or a wrong unit lets the localizer find poses that fit each image.
+//! Wheels or compass then contradict them over many images, which no single image shows.
+
+use crate::estimate::{Estimate, Fit};
+use crate::field::{Field, Marking};
+use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf, wrap_angle};
+use crate::math;
+use crate::sample::LinePoint;
+
+/// Distance between samples of the markings, metres.
+const MARKING_STEP: f32 = 0.25;
+/// Markings within this distance count as in sight, if the image's points reach as far, metres.
+const SIGHT_RANGE: f32 = 4.0;
+/// A marking's sample is seen if a line point lies this near: half a step and the error of a point, metres.
+const SEEN_DISTANCE: f32 = 0.25;
+/// The markings of every n-th image are counted.
+const SEEN_STRIDE: u32 = 5;
+/// Memory of the image figures, in images, and of wheels and compass, in steps.
+const IMAGES: f32 = 150.0;
+const STEPS: f32 = 20.0;
+/// Motion after which wheels and poses are compared: metres or radians.
+const STEP_PATH: f32 = 0.3;
+const STEP_TURN: f32 = 0.3;
+/// Images, or steps of wheels and compass, before a figure can raise a doubt.
+const IMAGES_MIN: u32 = 60;
+const STEPS_MIN: u32 = 15;
+/// Steps before a figure is shown.
+const STEPS_SHOWN_MIN: u32 = 3;
+/// Agreement (1: equal, 0: unrelated, −1: opposite) below which the wheels contradict the poses: that of a camera turned
+/// by 90°, with a margin for what the filter takes from the wheels.
+const AGREEMENT_MIN: f32 = 0.2;
+
+/// A mean that forgets, over `count` values at most `memory` long.
+#[derive(Debug, Clone, Copy, Default)]
+struct Mean {
+    value: f32,
+    count: u32,
+}
+
+impl Mean {
+    fn add(&mut self, value: f32, memory: f32) {
+        self.count = self.count.saturating_add(1);
+        self.value += (value - self.value) / memory.min(self.count as f32);
+    }
+
+    fn known(&self, count_min: u32) -> Option<f32> {
+        (self.count >= count_min).then_some(self.value)
+    }
+}
+
+/// Figures of the last images, and wheels and compass against their poses.
+#[derive(Debug, Clone)]
+pub(super) struct FitMonitor {
+    markings: Vec<At<FieldFrame>>,
+    on_markings: Mean,
+    squared_residual: Mean,
+    seen: Mean,
+    image: u32,
+    /// Pose at the start of the current step of the wheels.
+    step_start: Option<Pose>,
+    step: Tf<RobotFrame, RobotFrame>,
+    path: f32,
+    turned: f32,
+    translation: Mean,
+    rotation: Mean,
+    compass: Mean,
+}
+
+impl FitMonitor {
+    pub(super) fn new(field: &Field) -> Self {
+        FitMonitor {
+            markings: sample_markings(&field.markings),
+            on_markings: Mean::default(),
+            squared_residual: Mean::default(),
+            seen: Mean::default(),
+            image: 0,
+            step_start: None,
+            step: Tf::new(0.0, 0.0, 0.0),
+            path: 0.0,
+            turned: 0.0,
+            translation: Mean::default(),
+            rotation: Mean::default(),
+            compass: Mean::default(),
+        }
+    }
+
+    /// Adds an increment of the wheels, robot frame.
+    pub(super) fn add_wheels(&mut self, [dx, dy, dtheta]: [f32; 3]) {
+        self.step = self.step * Tf::new(dx, dy, dtheta);
+        self.path += math::hypot(dx, dy);
+        self.turned += dtheta.abs();
+    }
+
+    /// A gap in the odometry: the current step is void.
+    pub(super) fn restart_wheels(&mut self) {
+        self.step_start = None;
+    }
+
+    /// Adds the figures of an image; `heading`: the compass's, if it is recent.
+    pub(super) fn add_image(
+        &mut self,
+        estimate: &Estimate,
+        points: &[LinePoint],
+        heading: Option<f32>,
+    ) {
+        let Some(pose) = estimate.pose else {
+            self.step_start = None;
+            return;
+        };
+        if estimate.inlier_share > 0.0 {
+            self.on_markings.add(estimate.inlier_share, IMAGES);
+            self.squared_residual
+                .add(estimate.residual * estimate.residual, IMAGES);
+            if self.image.is_multiple_of(SEEN_STRIDE)
+                && let Some(share) = self.seen_share(pose, points)
+            {
+                self.seen.add(share, IMAGES / SEEN_STRIDE as f32);
+            }
+            self.image = self.image.wrapping_add(1);
+        }
+        self.compare_step(pose);
+        if let Some(heading) = heading
+            && self.path == 0.0
+        {
+            // Once per step, since the errors of successive readings are correlated.
+            self.compass.add(math::cos(pose.theta - heading), STEPS);
+        }
+    }
+
+    /// Compares the wheels with the poses once the robot has moved far enough.
+    fn compare_step(&mut self, pose: Pose) {
+        if self.step_start.is_some() && self.path < STEP_PATH && self.turned < STEP_TURN {
+            return;
+        }
+        if let Some(start) = self.step_start {
+            let seen = start.inverse() * pose;
+            let measured = self.step;
+            if self.path >= STEP_PATH {
+                let difference = math::hypot(seen.x - measured.x, seen.y - measured.y);
+                let size =
+                    seen.x.powi(2) + seen.y.powi(2) + measured.x.powi(2) + measured.y.powi(2);
+                self.translation
+                    .add(1.0 - difference * difference / size.max(1e-6), STEPS);
+            }
+            if self.turned >= STEP_TURN {
+                let difference = wrap_angle(seen.theta - measured.theta);
+                let size = seen.theta.powi(2) + measured.theta.powi(2);
+                let agreement = 1.0 - difference * difference / size.max(1e-6);
+                self.rotation.add(agreement.max(-1.0), STEPS);
+            }
+        }
+        self.step_start = Some(pose);
+        self.step = Tf::new(0.0, 0.0, 0.0);
+        (self.path, self.turned) = (0.0, 0.0);
+    }
+
+    /// Share of the markings in sight at which there is a line point. None if few are in sight.
+    fn seen_share(&self, pose: Pose, points: &[LinePoint]) -> Option<f32> {
+        let robot_from_field = pose.inverse();
+        let mut ranges: Vec<f32> = points.iter().map(|point| point.at.distance()).collect();
+        ranges.sort_by(f32::total_cmp);
+        let (nearest, farthest) = (*ranges.first()?, *ranges.last()?);
+        let range = farthest.min(SIGHT_RANGE);
+        let (mut in_sight, mut seen) = (0, 0);
+        for marking in &self.markings {
+            if marking.distance_to(pose.origin()) > range {
+                continue;
+            }
+            let at = robot_from_field * *marking;
+            if at.distance() < nearest {
+                continue;
+            }
+            in_sight += 1;
+            let near = |point: &LinePoint| point.at.distance_to(at) < SEEN_DISTANCE;
+            seen += usize::from(points.iter().any(near));
+        }
+        (in_sight >= 8).then(|| seen as f32 / in_sight as f32)
+    }
+
+    /// Agreement of the wheels with the poses' translation and rotation, the smaller one.
+    fn wheels(&self, count_min: u32) -> Option<f32> {
+        let means = [self.translation, self.rotation];
+        let known = means.iter().filter_map(|mean| mean.known(count_min));
+        known.reduce(f32::min)
+    }
+
+    /// The figures.
+    pub(super) fn fit(&self) -> Fit {
+        Fit {
+            on_markings: self.on_markings.value,
+            residual: self.squared_residual.value.max(0.0).sqrt(),
+            markings_seen: self.seen.value,
+            wheels: self.wheels(STEPS_SHOWN_MIN),
+            compass: self.compass.known(STEPS_SHOWN_MIN),
+        }
+    }
+
+    /// Do wheels or points contradict the poses for longer than any right set-up does?
+    ///
+    /// A compass alone raises no doubt: magnets disturb it for seconds in right set-ups.
+    pub(super) fn is_doubtful(&self, inlier_share_min: f32) -> bool {
+        let wheels = self.wheels(STEPS_MIN);
+        let points = self.on_markings.known(IMAGES_MIN);
+        wheels.is_some_and(|agreement| agreement < AGREEMENT_MIN)
+            || points.is_some_and(|share| share < inlier_share_min)
+    }
+}
+
+/// Points of all markings' centre lines.
+fn sample_markings(markings: &[Marking]) -> Vec<At<FieldFrame>> {
+    let mut samples = Vec::new();
+    for marking in markings {
+        match *marking {
+            Marking::Line { from, to } => {
+                let count = (from.distance_to(to) / MARKING_STEP).ceil().max(1.0) as usize;
+                samples.extend((0..count).map(|k| {
+                    let part = (k as f32 + 0.5) / count as f32;
+                    At::new(
+                        from.x + part * (to.x - from.x),
+                        from.y + part * (to.y - from.y),
+                    )
+                }));
+            }
+            Marking::Arc {
+                centre,
+                radius,
+                start,
+                sweep,
+            } => {
+                let count = (radius * sweep / MARKING_STEP).ceil().max(1.0) as usize;
+                samples.extend((0..count).map(|k| {
+                    let part = (k as f32 + 0.5) / count as f32;
+                    let (sin, cos) = math::sin_cos(start + sweep * part);
+                    At::new(centre.x + radius * cos, centre.y + radius * sin)
+                }));
+            }
+            Marking::Spot { .. } => {}
+        }
+    }
+    samples
+}

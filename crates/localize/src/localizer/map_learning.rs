@@ -1,0 +1,152 @@
+//! The ground map's correction within localization: corrects points before they are matched, learns from the match, and
+//! adds the map's remaining uncertainty to the pose's (docs/methods.md 2.13).
+
+use super::Localizer;
+use crate::estimate::{Estimate, Mode, Reason};
+use crate::filter::{PoseFilter, TiltPrior};
+use crate::map_correction::{MapBasis, MapCorrection, TrackedImage, smooth_terms};
+use crate::matching::{Match, PosePrior};
+use crate::sample::LinePoint;
+use crate::stamp::Stamp;
+
+/// Factor of the pose's covariance after a knock: the images before it moved the pose.
+const KNOCK_INFLATION: f32 = 9.0;
+
+/// Images without a pose after which the map counts as new: a knock may be the reason.
+const LOST_IMAGES_MAX: u32 = 15;
+
+impl Localizer {
+    /// Sets the possible errors of the camera's ground map, and forgets what was learned. None: smooth errors, for line
+    /// points of another vision system. Without effect if `map_correction.enabled` is false.
+    pub fn set_map_basis(&mut self, basis: Option<MapBasis>) {
+        let config = &self.config.map_correction;
+        if !config.enabled {
+            self.map_correction = None;
+            return;
+        }
+        let basis = basis.unwrap_or_else(|| {
+            let terms = smooth_terms(config.smooth_std);
+            MapBasis::new(terms, self.config.matching.viewpoint_height)
+        });
+        self.map_correction = Some(Box::new(MapCorrection::new(basis, config.clone())));
+    }
+
+    /// The correction of the ground map. None if it is switched off.
+    pub fn map_correction(&self) -> Option<&MapCorrection> {
+        self.map_correction.as_deref()
+    }
+
+    /// Corrects the points of an image.
+    pub(super) fn correct_map(&mut self, points: &mut [LinePoint]) {
+        if let Some(map) = &mut self.map_correction {
+            map.correct(points);
+        }
+    }
+
+    /// Learns from a tracked image. `prior`: of the match; None if it had none.
+    pub(super) fn learn_map(
+        &mut self,
+        stamp: Stamp,
+        points: &[LinePoint],
+        matched: &Match,
+        prior: Option<PosePrior>,
+        filter: &mut PoseFilter,
+    ) {
+        let image = TrackedImage {
+            stamp,
+            points,
+            matched,
+            predicted: prior.map_or(matched.pose, |prior| prior.pose),
+            prior_information: prior.map(|prior| prior.information),
+            independent_tilt_std: self.independent_tilt_std(),
+        };
+        let Some(map) = &mut self.map_correction else {
+            return;
+        };
+        if let Some(shift) = map.observe(&image, &self.distance_field, self.matcher.config()) {
+            filter.shift_pose(shift);
+        }
+    }
+
+    /// Tests a match before its image is used: does another mounting of the camera explain clearly more points? The
+    /// filter takes over the pose under the new map.
+    pub(super) fn detect_knock(
+        &mut self,
+        stamp: Stamp,
+        points: &[LinePoint],
+        matched: &Match,
+        poor: bool,
+        filter: &mut PoseFilter,
+    ) -> bool {
+        let prior = filter.pose_prior(self.tilt_prior);
+        let image = TrackedImage {
+            stamp,
+            points,
+            matched,
+            predicted: prior.pose,
+            prior_information: Some(prior.information),
+            independent_tilt_std: self.independent_tilt_std(),
+        };
+        let margin = self.score_margin(points.len());
+        let Some(map) = &mut self.map_correction else {
+            return false;
+        };
+        let (distances, matching) = (&self.distance_field, self.matcher.config());
+        let Some(pose) = map.detect_knock(&image, poor, margin, distances, matching) else {
+            return false;
+        };
+        let [x, y, theta] = pose.difference(filter.pose()).into();
+        filter.shift_pose([x, y, theta, 0.0, 0.0]);
+        filter.inflate_covariance(KNOCK_INFLATION);
+        true
+    }
+
+    fn independent_tilt_std(&self) -> Option<f32> {
+        match self.tilt_prior {
+            TiltPrior::Independent(std) => Some(std),
+            TiltPrior::FromState => None,
+        }
+    }
+
+    /// A pose of the global search: its error by the map follows from this image alone.
+    pub(super) fn restart_map(&mut self, stamp: Stamp, points: &[LinePoint], estimate: &Estimate) {
+        let Some(map) = &mut self.map_correction else {
+            return;
+        };
+        let Some(pose) = estimate.pose else {
+            self.lost_images += u32::from(estimate.reason == Some(Reason::NoMatch));
+            if self.lost_images == LOST_IMAGES_MAX {
+                map.forget();
+            }
+            return;
+        };
+        self.lost_images = 0;
+        let matched = self.matcher.refine(&self.distance_field, points, pose, 0.0);
+        let image = TrackedImage {
+            stamp,
+            points,
+            matched: &matched,
+            predicted: pose,
+            prior_information: None,
+            independent_tilt_std: Some(self.matcher.tilt_std()),
+        };
+        map.restart(&image, &self.distance_field, self.matcher.config());
+    }
+
+    /// The tracked pose was moved to the other field half.
+    pub(super) fn half_turn_map(&mut self) {
+        if let Some(map) = &mut self.map_correction {
+            map.apply_half_turn();
+        }
+    }
+
+    /// Adds what the map's uncertainty means for the pose, and the estimate of the map.
+    pub(super) fn add_map_uncertainty(&self, estimate: &mut Estimate) {
+        if let Some(map) = &self.map_correction {
+            if estimate.mode != Mode::Lost {
+                estimate.covariance += map.pose_covariance();
+            }
+            estimate.map_correction = Some(map.estimate());
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! Did something hit the camera? A large knock shows in one image, a small one in many (`block`).
+
+use super::block::Block;
+use super::state::{MapCorrection, TrackedImage};
+use super::sums::PoseByTerm;
+use crate::frames::Pose;
+use crate::matching::MatchConfig;
+use crate::matching::distance_field::DistanceField;
+
+/// Tests in a row that must find a large knock: one image may be misled by what covers the markings.
+const KNOCK_TESTS: u32 = 2;
+
+impl MapCorrection {
+    /// Tests an image for a large knock: another map explains `margin` points more than the present one. Two tests in
+    /// a row make a knock. Returns the pose under the new map.
+    ///
+    /// Tests a `poor` match at once, others once per `knock_check_period`.
+    pub fn detect_knock(
+        &mut self,
+        image: &TrackedImage,
+        poor: bool,
+        margin: f32,
+        distances: &DistanceField,
+        matching: &MatchConfig,
+    ) -> Option<Pose> {
+        let elapsed = self
+            .knock_checked
+            .map_or(f64::INFINITY, |last| last.seconds_until(image.stamp));
+        let due = poor || self.knock_tests > 0 || elapsed >= self.config.knock_check_period;
+        if !due || image.points.len() != self.points.len() {
+            return None;
+        }
+        self.knock_checked = Some(image.stamp);
+        let present = image.matched.score * image.points.len() as f32;
+        let refit = self
+            .refit(image, distances, matching)
+            .filter(|refit| refit.score - present > margin);
+        let Some(refit) = refit else {
+            self.knock_tests = 0;
+            return None;
+        };
+        self.knock_tests += 1;
+        if self.knock_tests < KNOCK_TESTS {
+            return None;
+        }
+        self.coefficients = refit.coefficients;
+        // One image finds the way; the next ones learn from there.
+        self.covariance = self.prior;
+        self.sensitivity = PoseByTerm::zeros();
+        self.knocks += 1;
+        self.restart_learning();
+        Some(refit.pose)
+    }
+
+    /// Forgets what was learned, as after a knock. The coefficients stay the best guess.
+    pub fn forget(&mut self) {
+        self.covariance = self.prior;
+        self.restart_learning();
+    }
+
+    fn restart_learning(&mut self) {
+        self.knock_tests = 0;
+        self.block = Block::new(self.coefficients, self.covariance);
+        self.used_pose = None;
+        self.last_pose = None;
+        self.update_variances();
+    }
+}

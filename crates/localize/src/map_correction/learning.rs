@@ -1,0 +1,147 @@
+//! Learning: each tracked image moves the map's unknowns by what pose and tilt cannot explain.
+
+use super::basis::TERMS_MAX;
+use super::block::{BLOCK_IMAGES, Block};
+use super::posterior::Posterior;
+use super::state::{MapCorrection, TrackedImage};
+use super::sums::{MapEvidence, PoseMatrix, PoseVector, TermVector};
+use crate::frames::{Pose, wrap_angle};
+use crate::matching::distance_field::DistanceField;
+use crate::matching::{MatchConfig, PARAMETERS};
+use crate::math;
+use crate::stamp::Stamp;
+
+/// Information of pose and tilt that is assumed where an image alone decides: 10 m, π and 10°.
+const FREE_POSE_INFORMATION: [f64; 3] = [1e-2, 1e-2, 1e-1];
+const FREE_TILT_INFORMATION: f64 = 32.0;
+
+/// Points that carry the information of an image; more are too close together to be independent.
+const INDEPENDENT_POINTS: f32 = 120.0;
+
+/// Distance from the map as given beyond which an estimate is discarded, in standard deviations of a new map.
+const PLAUSIBLE_SIGMAS: f64 = 8.0;
+
+/// Largest mean information of an image, relative to what is known already.
+const RELATIVE_INFORMATION_MAX: f64 = 0.5;
+
+/// Share by which an image changes the learned variance of the residuals.
+const NOISE_RATE: f64 = 0.1;
+
+impl MapCorrection {
+    /// Learns from a tracked image. Returns the change of (x, y, θ, a, b) that follows for its pose.
+    pub fn observe(
+        &mut self,
+        image: &TrackedImage,
+        distances: &DistanceField,
+        matching: &MatchConfig,
+    ) -> Option<[f32; PARAMETERS]> {
+        if image.points.len() != self.points.len() {
+            return None;
+        }
+        self.drift_to(image.stamp);
+        let moved = self.is_independent(image.matched.pose);
+        let (stated, widened) = self.accumulate(image, distances, matching, moved);
+        self.update_sensitivity(image, &widened);
+        self.last_pose = Some(image.matched.pose);
+        if !moved || image.prior_information.is_none() {
+            return None;
+        }
+        let mut prior = PoseMatrix::zeros();
+        for (k, information) in FREE_POSE_INFORMATION.into_iter().enumerate() {
+            prior[(k, k)] = information;
+        }
+        for k in 3..PARAMETERS {
+            prior[(k, k)] = FREE_TILT_INFORMATION;
+        }
+        let evidence = stated.eliminate_pose(&prior, &PoseVector::zeros())?;
+        let share = f64::from(
+            self.config.information_share
+                * (INDEPENDENT_POINTS / image.points.len().max(1) as f32).min(1.0),
+        );
+        // Far from the truth an image's derivatives hold roughly: it may halve the uncertainty, and is then used again.
+        let relative = share / self.noise * (self.covariance * evidence.information).trace();
+        let cap = RELATIVE_INFORMATION_MAX * self.basis.terms().len() as f64 / relative.max(1e-9);
+        self.used_pose = (cap >= 1.0).then_some(image.matched.pose);
+        let step = self.update(&evidence, share * cap.min(1.0), f64::from(stated.weight))?;
+        let shift = self.sensitivity * step;
+        let mut pose = image.matched.pose;
+        pose = Pose::new(
+            pose.x + shift[0] as f32,
+            pose.y + shift[1] as f32,
+            pose.theta + shift[2] as f32,
+        );
+        self.last_pose = Some(pose);
+        Some(std::array::from_fn(|k| shift[k] as f32))
+    }
+
+    /// Random walk of the unknowns since the last image.
+    pub(super) fn drift_to(&mut self, stamp: Stamp) {
+        let seconds = self
+            .stamp
+            .replace(stamp)
+            .map_or(0.0, |last| last.seconds_until(stamp).clamp(0.0, 1.0));
+        let share = seconds / f64::from(self.config.drift_time);
+        self.covariance += self.prior * share;
+        self.block.covariance += self.prior * share;
+        for k in 0..TERMS_MAX {
+            // Never less certain than a new map.
+            let excess = self.covariance[(k, k)] - self.prior[(k, k)];
+            if excess > 0.0 {
+                self.covariance[(k, k)] -= excess;
+            }
+        }
+    }
+
+    /// Did the robot move far enough that the points' errors differ from those of the last image used?
+    fn is_independent(&self, pose: Pose) -> bool {
+        self.used_pose.is_none_or(|used| {
+            let turn = wrap_angle(pose.theta - used.theta).abs();
+            math::hypot(pose.x - used.x, pose.y - used.y) >= self.config.step_distance
+                || turn >= self.config.step_turn_deg.to_radians()
+        })
+    }
+
+    /// Updates the belief by an image; returns the step of the coefficients.
+    fn update(&mut self, evidence: &MapEvidence, share: f64, weight: f64) -> Option<TermVector> {
+        let share = share / self.noise;
+        let information = evidence.information * share;
+        let gradient = evidence.gradient * share;
+        let posterior = Posterior::new(&self.covariance, &information, &gradient)?;
+        let freedom = weight - (PARAMETERS + self.basis.terms().len()) as f64;
+        if freedom > 10.0 {
+            let explained = -gradient.dot(&posterior.step) / share;
+            let remaining = ((evidence.squares - explained) / freedom).clamp(0.25, 25.0);
+            self.noise += NOISE_RATE * (remaining - self.noise);
+        }
+        self.block.add(&information, &gradient, &self.coefficients);
+        let step = posterior.step;
+        self.covariance = posterior.covariance;
+        self.coefficients += step;
+        if self.is_implausible() {
+            // Something else than the mount misled it: back to the map as it was given.
+            let step = -self.coefficients;
+            self.coefficients = TermVector::zeros();
+            self.forget();
+            return Some(step);
+        }
+        if self.block.images >= BLOCK_IMAGES {
+            let log_odds_min = f64::from(self.config.knock_log_odds);
+            if self.block.is_knocked(&self.prior, log_odds_min) {
+                self.knocks += 1;
+                self.covariance = self.prior;
+            }
+            self.block = Block::new(self.coefficients, self.covariance);
+        }
+        self.images += 1;
+        self.update_variances();
+        Some(step)
+    }
+
+    /// Is an unknown farther from the map as given than any mount may be?
+    fn is_implausible(&self) -> bool {
+        (0..TERMS_MAX).any(|k| {
+            let limit = PLAUSIBLE_SIGMAS * self.prior[(k, k)].sqrt();
+            self.coefficients[k].abs() > limit
+        })
+    }
+}

@@ -1,0 +1,26 @@
+//! How wrong is the ground map? Estimates its errors while the robot drives, and corrects points for them
+//! (docs/methods.md 2.13).
+//!
+//! Each tracked image compares its line points with the markings. What pose and tilt cannot explain moves the unknowns of
+//! the map: mount of mirror and camera, or smooth terms (`basis`). The unknowns' remaining uncertainty enters the points'
+//! standard deviations and, through the image's geometry, the covariance of the pose.
+
+mod basis;
+mod block;
+mod config;
+mod knock;
+mod learning;
+mod mirror;
+mod points;
+mod posterior;
+mod refit;
+mod sensitivity;
+mod smooth;
+mod state;
+mod sums;
+
+pub use basis::{BasisTerm, DisplacedPoint, Harmonic, MapBasis, NODES, TERMS_MAX, TermKind, Unit};
+pub use config::MapCorrectionConfig;
+pub use mirror::MirrorModel;
+pub use smooth::{height_term, smooth_terms};
+pub use state::{MapCorrection, MapCorrectionEstimate, TermEstimate, TrackedImage};

@@ -1,0 +1,91 @@
+//! Points of a wrong map: displaced, and as uncertain as the map.
+
+use super::basis::{NODES, TERMS_MAX};
+use super::state::{MapCorrection, RawPoint};
+use crate::frames::{At, RobotFrame};
+use crate::math;
+use crate::sample::LinePoint;
+
+impl MapCorrection {
+    /// The ground point that the corrected map shows where the map shows `at`.
+    pub fn correct_point(&self, at: At<RobotFrame>) -> At<RobotFrame> {
+        let prepared = self.basis.prepare(self.single_coefficients());
+        let [x, y] = prepared.displace([at.x, at.y]).at;
+        At::new(x, y)
+    }
+
+    /// Covariance (xx, xy, yy; m²) of a corrected point by the map's remaining uncertainty.
+    pub fn point_covariance(&self, at: At<RobotFrame>) -> [f32; 3] {
+        let range = math::hypot(at.x, at.y).max(1e-3);
+        let [radial, tangential] = self.variances_at(range);
+        let (c, s) = (at.x / range, at.y / range);
+        [
+            radial * c * c + tangential * s * s,
+            (radial - tangential) * s * c,
+            radial * s * s + tangential * c * c,
+        ]
+    }
+
+    /// Corrects the points of an image and adds the map's remaining uncertainty to their standard deviations.
+    pub fn correct(&mut self, points: &mut [LinePoint]) {
+        let prepared = self.basis.prepare(self.single_coefficients());
+        self.points.clear();
+        for point in points {
+            let displaced = prepared.displace([point.at.x, point.at.y]);
+            let [x, y] = displaced.at;
+            point.at = At::new(x, y);
+            let ambiguity = displaced.ambiguity * displaced.ambiguity;
+            let raw = RawPoint {
+                radial_variance: point.std_radial * point.std_radial + ambiguity,
+                tangential_variance: point.std_tangential * point.std_tangential + ambiguity,
+                derivatives: displaced.derivatives,
+            };
+            let [radial, tangential] = self.variances_at(math::hypot(x, y));
+            point.std_radial = (raw.radial_variance + radial).sqrt();
+            point.std_tangential = (raw.tangential_variance + tangential).sqrt();
+            self.points.push(raw);
+        }
+    }
+
+    fn single_coefficients(&self) -> [f32; TERMS_MAX] {
+        std::array::from_fn(|k| self.coefficients[k] as f32)
+    }
+
+    /// Variances of a displaced point at `range` metres: radial, tangential; m².
+    fn variances_at(&self, range: f32) -> [f32; 2] {
+        let (node, share) = self.basis.node_at(range);
+        let slope = range / self.basis.height();
+        let per_radian = self.basis.height() * (1.0 + slope * slope);
+        // Across the line of sight a radian of φ sin γ is as long as the ray.
+        let across = self.basis.height() * (1.0 + slope * slope).sqrt();
+        let between = |axis: usize| {
+            let (low, high) = (self.variances[node][axis], self.variances[node + 1][axis]);
+            low + share * (high - low)
+        };
+        [
+            between(0) * per_radian * per_radian,
+            between(1) * across * across,
+        ]
+    }
+
+    /// Variances by node, means over the bearing.
+    pub(super) fn update_variances(&mut self) {
+        let terms = self.basis.terms();
+        for node in 0..NODES {
+            let mut sums = [0.0; 2];
+            for (i, a) in terms.iter().enumerate() {
+                for (j, b) in terms.iter().enumerate() {
+                    // Different harmonics are uncorrelated over the bearing.
+                    if a.harmonic != b.harmonic {
+                        continue;
+                    }
+                    let covariance = self.covariance[(i, j)] as f32;
+                    let [radial, tangential] = a.harmonic.mean_squares();
+                    sums[0] += covariance * radial * a.radial[node] * b.radial[node];
+                    sums[1] += covariance * tangential * a.tangential[node] * b.tangential[node];
+                }
+            }
+            self.variances[node] = sums.map(|sum| sum.max(0.0));
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! How well does a set-up explain its keyframes? Shares of points, wheel steps and compass readings, and the cost.
+
+use crate::config::LocalizeConfig;
+use crate::field::Field;
+use crate::frames::Pose;
+use crate::global_search::branch_and_bound::{
+    BranchAndBound, BranchAndBoundConfig, Hypothesis, half_turn,
+};
+use crate::matching::Matcher;
+use crate::matching::distance_field::DistanceField;
+
+use super::chain::{KeyframeHypotheses, select_chain};
+use super::keyframe::Keyframe;
+
+/// Largest displacement that [`refine`] follows, metres.
+const START_ERROR: f32 = 0.3;
+
+/// Tables of one field for the search of poses.
+#[derive(Debug, Clone)]
+pub struct FieldTables {
+    distances: DistanceField,
+    search: BranchAndBound,
+    matcher: Matcher,
+    config: BranchAndBoundConfig,
+    kernel_squared: f32,
+}
+
+/// How well one keyframe is explained.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KeyframeFit {
+    /// Selected pose. None without hypotheses.
+    pub pose: Option<Pose>,
+    /// Negative log likelihood of points, wheels and compass.
+    pub cost: f32,
+    /// Number of line points.
+    pub points: usize,
+    /// Share of the points on markings.
+    pub on_markings: f32,
+    /// Root mean square distance of these points, metres.
+    pub residual: f32,
+    /// Do the wheels agree with the motion since the previous keyframe?
+    pub wheels_agree: Option<bool>,
+    /// Does the compass agree with the heading?
+    pub compass_agrees: Option<bool>,
+}
+
+/// How well a set-up explains its keyframes.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Explanation {
+    /// One per keyframe.
+    pub keyframes: Vec<KeyframeFit>,
+}
+
+impl FieldTables {
+    /// Builds the tables of a field.
+    pub fn new(field: &Field, config: &LocalizeConfig) -> Self {
+        let distances = DistanceField::new(field, &config.distance_field);
+        FieldTables {
+            search: BranchAndBound::new(field, &distances, config.branch_and_bound.clone()),
+            matcher: Matcher::new(config.matching.clone()),
+            distances,
+            config: config.branch_and_bound.clone(),
+            kernel_squared: config.matching.kernel_scale_sigmas.powi(2),
+        }
+    }
+
+    /// The poses that explain the points of one keyframe, half turns included.
+    fn hypotheses(&mut self, keyframe: &Keyframe) -> KeyframeHypotheses {
+        let found =
+            self.search
+                .find_hypotheses(&self.distances, &mut self.matcher, &keyframe.points, None);
+        let mut hypotheses: Vec<(f32, Hypothesis)> = Vec::new();
+        for hypothesis in found {
+            let cost = self.cost(keyframe, hypothesis.score);
+            let turned = Hypothesis {
+                pose: half_turn(hypothesis.pose),
+                ..hypothesis.clone()
+            };
+            let both = [Some(hypothesis), self.is_symmetric().then_some(turned)];
+            for each in both.into_iter().flatten() {
+                let known = |(_, other): &(f32, Hypothesis)| {
+                    self.search.is_same_hypothesis(other.pose, each.pose)
+                };
+                if !hypotheses.iter().any(known) {
+                    hypotheses.push((cost, each));
+                }
+            }
+        }
+        KeyframeHypotheses { hypotheses }
+    }
+
+    fn is_symmetric(&self) -> bool {
+        self.search.is_half_turn_symmetric()
+    }
+
+    /// Negative log likelihood of a keyframe's points, tempered as in the search (their errors are correlated).
+    fn cost(&self, keyframe: &Keyframe, score: f32) -> f32 {
+        let points = keyframe.points.iter();
+        let within = points.filter(|point| point.at.distance() < self.config.range_max);
+        let used = within.count().min(self.config.points_max) as f32;
+        0.5 * self.kernel_squared * self.config.likelihood_exponent * used * (1.0 - score)
+    }
+}
+
+/// Searches every keyframe and selects the cheapest chain.
+pub fn explain(tables: &mut FieldTables, keyframes: &[Keyframe]) -> Explanation {
+    let hypotheses: Vec<KeyframeHypotheses> = keyframes
+        .iter()
+        .map(|keyframe| tables.hypotheses(keyframe))
+        .collect();
+    explain_by(keyframes, &hypotheses)
+}
+
+/// As [`explain`], but refines known poses in place of a search: for changes of some centimetres.
+pub fn refine(
+    tables: &mut FieldTables,
+    keyframes: &[Keyframe],
+    start: &Explanation,
+) -> Explanation {
+    let pairs = keyframes.iter().zip(&start.keyframes);
+    let refined = pairs.map(|(keyframe, fit)| {
+        let hypotheses = fit.pose.map(|pose| {
+            let FieldTables {
+                distances, matcher, ..
+            } = &mut *tables;
+            let matched = matcher.refine(distances, &keyframe.points, pose, START_ERROR);
+            let hypothesis = Hypothesis::from_match(&matched);
+            (tables.cost(keyframe, hypothesis.score), hypothesis)
+        });
+        KeyframeHypotheses {
+            hypotheses: hypotheses.into_iter().collect(),
+        }
+    });
+    let refined: Vec<KeyframeHypotheses> = refined.collect();
+    explain_by(keyframes, &refined)
+}
+
+/// Cost of the cheapest chain through the hypotheses.
+fn explain_by(keyframes: &[Keyframe], hypotheses: &[KeyframeHypotheses]) -> Explanation {
+    let links = select_chain(keyframes, hypotheses);
+    let fits = keyframes.iter().zip(hypotheses).zip(links);
+    let keyframes = fits.map(|((keyframe, own), link)| {
+        let selected = link.hypothesis.map(|index| &own.hypotheses[index]);
+        let half = |squared: Option<f32>| 0.5 * squared.unwrap_or(0.0);
+        KeyframeFit {
+            pose: selected.map(|(_, hypothesis)| hypothesis.pose),
+            cost: selected.map_or(0.0, |(cost, _)| *cost) + half(link.wheels) + half(link.compass),
+            points: keyframe.points.len(),
+            on_markings: selected.map_or(0.0, |(_, hypothesis)| hypothesis.inlier_share),
+            residual: selected.map_or(0.0, |(_, hypothesis)| hypothesis.residual),
+            wheels_agree: link.wheels_agree(),
+            compass_agrees: link.compass_agrees(),
+        }
+    });
+    Explanation {
+        keyframes: keyframes.collect(),
+    }
+}
+
+impl Explanation {
+    /// Share of all points on markings.
+    pub fn on_markings(&self) -> f32 {
+        self.mean_over_points(|fit| fit.on_markings)
+    }
+
+    /// Root mean square distance of the points on markings, metres.
+    pub fn residual(&self) -> f32 {
+        self.mean_over_points(|fit| fit.residual * fit.residual)
+            .sqrt()
+    }
+
+    fn mean_over_points(&self, value: impl Fn(&KeyframeFit) -> f32) -> f32 {
+        let (mut sum, mut points) = (0.0, 0.0);
+        for fit in &self.keyframes {
+            sum += fit.points as f32 * value(fit);
+            points += fit.points as f32;
+        }
+        sum / f32::max(points, 1.0)
+    }
+
+    /// Share of the wheel steps that agree. None without wheels.
+    pub fn wheels_agree(&self) -> Option<f32> {
+        share(self.keyframes.iter().filter_map(|fit| fit.wheels_agree))
+    }
+
+    /// Share of the compass readings that agree. None without a compass.
+    pub fn compass_agrees(&self) -> Option<f32> {
+        share(self.keyframes.iter().filter_map(|fit| fit.compass_agrees))
+    }
+
+    /// Share of the measurements that are explained: of the points, of the wheel steps, of the compass readings,
+    /// multiplied.
+    pub fn fit(&self) -> f32 {
+        self.on_markings()
+            * self.wheels_agree().unwrap_or(1.0)
+            * self.compass_agrees().unwrap_or(1.0)
+    }
+}
+
+fn share(values: impl Iterator<Item = bool>) -> Option<f32> {
+    let (mut agreeing, mut count) = (0, 0);
+    for value in values {
+        agreeing += usize::from(value);
+        count += 1;
+    }
+    (count > 0).then(|| agreeing as f32 / count as f32)
+}

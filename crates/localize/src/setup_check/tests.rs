@@ -1,0 +1,140 @@
+//! Mistakes are found, and hard halls are no mistakes.
+
+use rand::SeedableRng;
+use rand::rngs::Xoshiro256PlusPlus;
+
+use super::{Explanation, FieldTables, Keyframe, WheelMotion, compare, explain};
+use crate::config::LocalizeConfig;
+use crate::field::Field;
+use crate::field::tests::league_18x12;
+use crate::frames::At;
+use crate::sample::LinePoint;
+use crate::synthetic::drive::{SyntheticDrive, SyntheticDriveConfig};
+
+/// Fourteen keyframes of a drive, a metre of motion apart.
+fn keyframes(field: &Field, config: SyntheticDriveConfig, seed: u64) -> Vec<Keyframe> {
+    let drive = SyntheticDrive::new(field, config, Xoshiro256PlusPlus::seed_from_u64(seed));
+    let mut keyframes: Vec<Keyframe> = Vec::new();
+    let mut rows = Vec::new();
+    for sample in drive.take(900) {
+        rows.push([
+            sample.odometry.dx,
+            sample.odometry.dy,
+            sample.odometry.dtheta,
+        ]);
+        let motion = WheelMotion::from_increments(&rows);
+        if !keyframes.is_empty() && motion.path + 0.5 * motion.turned < 1.0 {
+            continue;
+        }
+        keyframes.push(Keyframe {
+            stamp: sample.stamp,
+            points: sample.points,
+            motion: (!keyframes.is_empty()).then_some(motion),
+            compass: Some(sample.compass.heading),
+        });
+        rows.clear();
+        if keyframes.len() == 14 {
+            break;
+        }
+    }
+    keyframes
+}
+
+fn explain_on(field: &Field, keyframes: &[Keyframe]) -> Explanation {
+    let mut tables = FieldTables::new(field, &LocalizeConfig::default());
+    explain(&mut tables, keyframes)
+}
+
+fn resized(length: f32, width: f32) -> Field {
+    let mut config = league_18x12("centres").config;
+    (config.length, config.width) = (length, width);
+    Field::new(config).expect("a field")
+}
+
+/// The line points of a camera that is turned by quarters and perhaps mirrored.
+fn turned(keyframes: &[Keyframe], quarters: u8, mirrored: bool) -> Vec<Keyframe> {
+    let turn = |point: &LinePoint| {
+        let (mut x, mut y) = (point.at.x, point.at.y);
+        for _ in 0..quarters {
+            (x, y) = (-y, x);
+        }
+        LinePoint {
+            at: At::new(x, if mirrored { -y } else { y }),
+            ..*point
+        }
+    };
+    keyframes
+        .iter()
+        .map(|keyframe| Keyframe {
+            points: keyframe.points.iter().map(turn).collect(),
+            ..keyframe.clone()
+        })
+        .collect()
+}
+
+#[test]
+fn true_width_beats_a_field_three_metres_too_narrow_and_not_the_reverse() {
+    for (seed, outlier_share) in [(1, 0.1), (2, 0.5)] {
+        let config = SyntheticDriveConfig {
+            outlier_share,
+            ..SyntheticDriveConfig::default()
+        };
+        let right = league_18x12("centres");
+        let keyframes = keyframes(&right, config, seed);
+        let wrong = explain_on(&resized(18.0, 9.0), &keyframes);
+        let right = explain_on(&right, &keyframes);
+        let found = compare(&wrong, &right);
+        assert!(found.is_better(), "seed {seed}: {found:?}");
+        assert!(!compare(&right, &wrong).is_better(), "seed {seed}");
+    }
+}
+
+#[test]
+fn no_other_size_beats_the_right_field_in_a_hard_hall() {
+    let config = SyntheticDriveConfig {
+        outlier_share: 0.5,
+        occluded_share: 0.4,
+        range_max: 3.5,
+        ..SyntheticDriveConfig::default()
+    };
+    let right = league_18x12("centres");
+    let keyframes = keyframes(&right, config, 3);
+    let explained = explain_on(&right, &keyframes);
+    for (length, width) in [(18.0, 9.0), (12.0, 12.0), (18.5, 12.0), (18.0, 13.0)] {
+        let other = explain_on(&resized(length, width), &keyframes);
+        let comparison = compare(&explained, &other);
+        assert!(
+            !comparison.is_better(),
+            "{length} × {width}: {comparison:?}"
+        );
+    }
+}
+
+#[test]
+fn wheels_and_compass_tell_a_turned_or_mirrored_camera() {
+    let field = league_18x12("centres");
+    let keyframes = keyframes(&field, SyntheticDriveConfig::default(), 4);
+    let right = explain_on(&field, &keyframes);
+    assert!(right.fit() > 0.8, "{}", right.fit());
+    for (quarters, mirrored) in [(1, false), (3, false), (0, true), (2, true)] {
+        let wrong = explain_on(&field, &turned(&keyframes, quarters, mirrored));
+        // The points alone fit as well: the field is symmetric.
+        assert!((wrong.on_markings() - right.on_markings()).abs() < 0.05);
+        assert!(compare(&wrong, &right).is_better(), "{quarters} {mirrored}");
+        assert!(wrong.fit() < 0.5, "{quarters} {mirrored}: {}", wrong.fit());
+    }
+}
+
+#[test]
+fn recording_without_wheels_and_compass_is_judged_by_its_points_alone() {
+    let field = league_18x12("centres");
+    let mut keyframes = keyframes(&field, SyntheticDriveConfig::default(), 5);
+    for keyframe in &mut keyframes {
+        (keyframe.motion, keyframe.compass) = (None, None);
+    }
+    let right = explain_on(&field, &keyframes);
+    assert_eq!((right.wheels_agree(), right.compass_agrees()), (None, None));
+    let mirrored = explain_on(&field, &turned(&keyframes, 0, true));
+    assert!(!compare(&right, &mirrored).is_better());
+    assert!(!compare(&mirrored, &right).is_better());
+}

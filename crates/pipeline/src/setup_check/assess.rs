@@ -1,0 +1,363 @@
+//! Does another set-up explain the measurements better? Tries single changes, then further ones on top of the best.
+
+use std::path::Path;
+
+use localize::config::LocalizeConfig;
+use localize::field::FieldConfig;
+use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain, refine};
+use localize::{Field, math};
+use rayon::prelude::*;
+
+use super::change::Change;
+use super::measurements::{MeasuredKeyframe, thin_out};
+use super::variant::Variant;
+use crate::paths;
+use crate::setup::Setup;
+
+/// How much is tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effort {
+    /// Only what could be wrong by the fit of the configured set-up: for each run.
+    Brief,
+    /// Everything: for the doctor.
+    Full,
+}
+
+/// A change that explains the measurements better.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Improvement {
+    /// The change.
+    pub(super) change: Change,
+    /// The set-up with it.
+    pub(super) after: Variant,
+    /// Its explanation.
+    pub(super) explanation: Explanation,
+    /// Gain over the set-up without it.
+    pub(super) comparison: Comparison,
+}
+
+/// What the trials found.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Assessment {
+    /// Explanation by the configured set-up.
+    pub(super) configured: Explanation,
+    /// Changes in the order in which they are to be made, each with equally good ones behind it.
+    pub(super) improvements: Vec<Vec<Improvement>>,
+    /// The configured field explains the points no better than an arbitrary one.
+    pub(super) arbitrary: bool,
+}
+
+/// Most changes on top of each other.
+const CHANGES_MAX: usize = 3;
+/// Keyframes for the first selection of a field's size; the best sizes are then compared on all.
+const SCAN_KEYFRAMES: usize = 12;
+/// Steps of a field's size, metres: half of the first is within the matcher's reach.
+const SIZE_STEPS: [f32; 3] = [0.5, 0.2, 0.05];
+/// Range of a field's size against the configured one.
+const SIZE_RANGE: (f32, f32) = (0.5, 2.0);
+/// Share of points above which no other field can be much better.
+const POINTS_FINE: f32 = 0.93;
+/// Share of wheel steps or compass readings above which they agree.
+const SENSORS_FINE: f32 = 0.9;
+/// Steps of the mirror's centre, pixels.
+const CENTRE_STEPS: [f32; 4] = [4.0, 2.0, 1.0, 0.5];
+/// A smaller shift of the centre is no mistake, pixels.
+const CENTRE_MIN: f32 = 1.5;
+/// A smaller change of a field's size is no mistake: shares of the size.
+const SIZE_MIN: f32 = 0.02;
+/// Share of points below which a field may be an arbitrary one.
+const ARBITRARY_MAX: f32 = 0.75;
+
+struct Trial<'a> {
+    setup: &'a Setup,
+    measured: &'a [MeasuredKeyframe],
+    config: LocalizeConfig,
+}
+
+/// Tries other set-ups on the measurements.
+pub(super) fn assess(
+    setup: &Setup,
+    config: &LocalizeConfig,
+    measured: &[MeasuredKeyframe],
+    effort: Effort,
+) -> Assessment {
+    let mut config = config.clone();
+    if let Some(height) = setup.viewpoint_height {
+        config.matching.viewpoint_height = height;
+    }
+    let trial = Trial {
+        setup,
+        measured,
+        config,
+    };
+    let mut variant = Variant::configured(setup);
+    let Some(configured) = trial.explain(&variant, measured) else {
+        return Assessment::default();
+    };
+    let mut explanation = configured.clone();
+    let mut improvements: Vec<Vec<Improvement>> = Vec::new();
+    let mut arbitrary = false;
+    while improvements.len() < CHANGES_MAX {
+        let (found, no_better) = trial.improve(&variant, &explanation, effort);
+        arbitrary |= no_better && improvements.is_empty();
+        let Some(best) = found.first() else { break };
+        (variant, explanation) = (best.after.clone(), best.explanation.clone());
+        improvements.push(found);
+    }
+    Assessment {
+        arbitrary: arbitrary && improvements.is_empty(),
+        configured,
+        improvements,
+    }
+}
+
+impl Trial<'_> {
+    fn explain(&self, variant: &Variant, measured: &[MeasuredKeyframe]) -> Option<Explanation> {
+        let field = Field::new(variant.field.clone()).ok()?;
+        let mut tables = FieldTables::new(&field, &self.config);
+        Some(explain(&mut tables, &variant.apply(self.setup, measured)))
+    }
+
+    /// The best single change with those that are as good; empty if none is clearly better. Second: no better than
+    /// arbitrary fields.
+    fn improve(
+        &self,
+        variant: &Variant,
+        now: &Explanation,
+        effort: Effort,
+    ) -> (Vec<Improvement>, bool) {
+        let full = effort == Effort::Full;
+        let sensors_fine = now.wheels_agree().unwrap_or(1.0) >= SENSORS_FINE
+            && now.compass_agrees().unwrap_or(1.0) >= SENSORS_FINE;
+        let points_fine = now.on_markings() >= POINTS_FINE;
+        let mut changes = Vec::new();
+        if full || !sensors_fine {
+            changes.extend(mounts());
+            changes.extend((1..4).map(Change::CompassTurn));
+        }
+        if full || !sensors_fine || self.turns_are_fast() {
+            changes.extend([Change::CompassDegrees, Change::TurnDegrees]);
+        }
+        // Cheap, since the poses are known: a shifted centre takes points off the markings, too.
+        let mut found: Vec<(Change, Improvement)> =
+            self.search_centre(variant, now).into_iter().collect();
+        let centre_explains = found.iter().any(|(_, improvement)| {
+            improvement.comparison.is_better()
+                && improvement.explanation.on_markings() >= POINTS_FINE
+        });
+        let other_fields = full || !(points_fine || centre_explains);
+        if other_fields {
+            changes.extend(shipped_fields(variant));
+        }
+        found.extend(self.evaluate(variant, now, changes));
+        let arbitrary = now.on_markings() < ARBITRARY_MAX
+            && found.iter().any(|(change, improvement)| {
+                matches!(change, Change::Field(..)) && !improvement.comparison.is_worse()
+            });
+        if other_fields {
+            found.extend(self.search_size(variant, now));
+        }
+        let mut better: Vec<Improvement> = found
+            .into_iter()
+            .map(|(_, improvement)| improvement)
+            .filter(|improvement| improvement.comparison.is_better())
+            .collect();
+        better.sort_by(|a, b| b.comparison.gain.total_cmp(&a.comparison.gain));
+        if let Some(best) = better.first().cloned() {
+            better.retain(|other| !compare(&other.explanation, &best.explanation).is_better());
+            // Of equally good ones the camera's mount is the likelier mistake.
+            better.sort_by_key(|other| !matches!(other.change, Change::Mount { .. }));
+        }
+        (better, arbitrary)
+    }
+
+    /// Do turns of the odometry exceed what a robot does, so that they say little about the poses?
+    fn turns_are_fast(&self) -> bool {
+        let rows = self
+            .measured
+            .iter()
+            .filter_map(|keyframe| keyframe.odometry.as_ref());
+        rows.flatten().any(|[_, _, turn]| turn.abs() > 1.0)
+    }
+
+    fn evaluate(
+        &self,
+        variant: &Variant,
+        now: &Explanation,
+        changes: Vec<Change>,
+    ) -> Vec<(Change, Improvement)> {
+        changes
+            .into_par_iter()
+            .filter_map(|change| {
+                let after = change.apply(variant);
+                let explanation = self.explain(&after, self.measured)?;
+                let comparison = compare(now, &explanation);
+                let improvement = Improvement {
+                    change: change.clone(),
+                    after,
+                    explanation,
+                    comparison,
+                };
+                Some((change, improvement))
+            })
+            .collect()
+    }
+
+    /// The best length and the best width, each alone, then each on top of the other.
+    fn search_size(&self, variant: &Variant, now: &Explanation) -> Vec<(Change, Improvement)> {
+        let stride = self.measured.len().div_ceil(SCAN_KEYFRAMES).max(1);
+        let subset = thin_out(self.measured, stride);
+        let changes = [true, false].map(|along| self.best_size(variant, &subset, along));
+        let changed = changes.into_iter().flatten().filter(|change| {
+            let differs = |new: f32, old: f32| (new - old).abs() > SIZE_MIN * old;
+            match change {
+                Change::Length(length) => differs(*length, variant.field.length),
+                Change::Width(width) => differs(*width, variant.field.width),
+                _ => false,
+            }
+        });
+        self.evaluate(variant, now, changed.collect())
+    }
+
+    fn best_size(
+        &self,
+        variant: &Variant,
+        subset: &[MeasuredKeyframe],
+        along: bool,
+    ) -> Option<Change> {
+        let start = if along {
+            variant.field.length
+        } else {
+            variant.field.width
+        };
+        let change = |size: f32| {
+            if along {
+                Change::Length(size)
+            } else {
+                Change::Width(size)
+            }
+        };
+        let cost = |size: f32| {
+            let explanation = self.explain(&change(size).apply(variant), subset)?;
+            let total: f32 = explanation.keyframes.iter().map(|fit| fit.cost).sum();
+            Some((size, total))
+        };
+        let cheapest = |sizes: Vec<f32>| -> Option<(f32, f32)> {
+            let costs: Vec<(f32, f32)> = sizes.into_par_iter().filter_map(cost).collect();
+            costs.into_iter().min_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        let [coarse, fine @ ..] = SIZE_STEPS;
+        let (below, above) = (
+            (start * (1.0 - SIZE_RANGE.0) / coarse) as i32,
+            (start * (SIZE_RANGE.1 - 1.0) / coarse) as i32,
+        );
+        let sizes = (-below..=above).map(|k| start + coarse * k as f32);
+        let (mut best, _) = cheapest(sizes.collect())?;
+        for step in fine {
+            let sizes = (-2..=2).map(|k| best + step * k as f32);
+            (best, _) = cheapest(sizes.collect())?;
+        }
+        Some(change((best * 100.0).round() / 100.0))
+    }
+
+    /// The best centre of the mirror in the image, by steps to the neighbours. None for points without pixels.
+    fn search_centre(&self, variant: &Variant, now: &Explanation) -> Option<(Change, Improvement)> {
+        if self
+            .measured
+            .iter()
+            .all(|keyframe| keyframe.pixels.is_empty())
+        {
+            return None;
+        }
+        let field = Field::new(variant.field.clone()).ok()?;
+        let mut tables = FieldTables::new(&field, &self.config);
+        let mut explain_at = |centre_shift: [f32; 2]| {
+            let after = Variant {
+                centre_shift,
+                ..variant.clone()
+            };
+            let keyframes = after.apply(self.setup, self.measured);
+            let explanation = refine(&mut tables, &keyframes, now);
+            let cost: f32 = explanation.keyframes.iter().map(|fit| fit.cost).sum();
+            (cost, after, explanation)
+        };
+        let before = explain_at(variant.centre_shift);
+        let mut best = before.clone();
+        for step in CENTRE_STEPS {
+            loop {
+                let [u, v] = best.1.centre_shift;
+                let neighbours = [[step, 0.0], [-step, 0.0], [0.0, step], [0.0, -step]];
+                let next = neighbours
+                    .map(|[du, dv]| explain_at([u + du, v + dv]))
+                    .into_iter()
+                    .min_by(|a, b| a.0.total_cmp(&b.0))?;
+                let [du, dv] = next.1.centre_shift;
+                if next.0 >= best.0 || math::hypot(du, dv) > 30.0 {
+                    break;
+                }
+                best = next;
+            }
+        }
+        let [u, v] = best.1.centre_shift;
+        let [u0, v0] = variant.centre_shift;
+        if math::hypot(u - u0, v - v0) < CENTRE_MIN {
+            return None;
+        }
+        let comparison = compare(&before.2, &best.2);
+        let change = Change::Centre(best.1.centre_shift);
+        let improvement = Improvement {
+            change: change.clone(),
+            after: best.1,
+            explanation: best.2,
+            comparison,
+        };
+        Some((change, improvement))
+    }
+}
+
+fn mounts() -> impl Iterator<Item = Change> {
+    let all = [false, true]
+        .into_iter()
+        .flat_map(|mirrored| (0..4).map(move |quarters| Change::Mount { quarters, mirrored }));
+    all.filter(|change| {
+        *change
+            != Change::Mount {
+                quarters: 0,
+                mirrored: false,
+            }
+    })
+}
+
+/// The fields of config/fields that differ from the variant's.
+fn shipped_fields(variant: &Variant) -> Vec<Change> {
+    let Ok(folder) = paths::find_resource("config/fields") else {
+        return Vec::new();
+    };
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|ext| ext == "toml"))
+        .collect();
+    files.sort();
+    files
+        .into_iter()
+        .filter_map(|path| {
+            let field = Field::load(&path).ok()?.config;
+            (!is_same_size(&field, &variant.field))
+                .then(|| Change::Field(shorten(&path), Box::new(field)))
+        })
+        .collect()
+}
+
+fn is_same_size(a: &FieldConfig, b: &FieldConfig) -> bool {
+    (a.length - b.length).abs() < SIZE_MIN * b.length
+        && (a.width - b.width).abs() < SIZE_MIN * b.width
+}
+
+/// The path below the repository, if it is there.
+fn shorten(path: &Path) -> std::path::PathBuf {
+    let name = path.file_name().unwrap_or_default();
+    Path::new("config/fields").join(name)
+}

@@ -1,0 +1,152 @@
+//! Which edit makes which variant? One change of a set-up with its text.
+
+use std::f32::consts::FRAC_PI_2;
+use std::path::PathBuf;
+
+use localize::field::FieldConfig;
+
+use super::variant::Variant;
+use crate::setup::Setup;
+
+/// One change of a set-up.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Change {
+    /// Another field file.
+    Field(PathBuf, Box<FieldConfig>),
+    /// Another length, metres.
+    Length(f32),
+    /// Another width, metres.
+    Width(f32),
+    /// The camera turned by quarters, then perhaps mirrored.
+    Mount {
+        /// Quarter turns.
+        quarters: u8,
+        /// Left and right exchanged.
+        mirrored: bool,
+    },
+    /// The compass turned by quarters.
+    CompassTurn(u8),
+    /// Headings in degrees.
+    CompassDegrees,
+    /// Turns in degrees.
+    TurnDegrees,
+    /// The mirror's centre in the image shifted, pixels.
+    Centre([f32; 2]),
+}
+
+impl Change {
+    /// The variant after this change.
+    pub(super) fn apply(&self, variant: &Variant) -> Variant {
+        let mut changed = variant.clone();
+        match self {
+            Change::Field(_, field) => changed.field = (**field).clone(),
+            Change::Length(length) => changed.field.length = *length,
+            Change::Width(width) => changed.field.width = *width,
+            Change::Mount { quarters, mirrored } => {
+                // Turned after the mount of `variant`: a mirrored one turns the other way.
+                let own = if variant.mirrored {
+                    4 - quarters % 4
+                } else {
+                    *quarters
+                };
+                changed.quarter_turns = (variant.quarter_turns + own) % 4;
+                changed.mirrored ^= mirrored;
+            }
+            Change::CompassTurn(quarters) => {
+                changed.compass_turn += f32::from(*quarters) * FRAC_PI_2;
+            }
+            Change::CompassDegrees => changed.compass_factor = 1.0_f32.to_radians(),
+            Change::TurnDegrees => changed.turn_factor = 1.0_f32.to_radians(),
+            Change::Centre(shift) => changed.centre_shift = *shift,
+        }
+        changed
+    }
+
+    /// The edit to make; `after`: the variant with the change.
+    pub(super) fn text(&self, setup: &Setup, after: &Variant) -> String {
+        match self {
+            Change::Field(path, _) => {
+                format!("robot.toml: field = {:?}", path.display().to_string())
+            }
+            Change::Length(length) => format!(
+                "field.toml: length = {length:.2} (now {:.2})",
+                setup.field.config.length
+            ),
+            Change::Width(width) => format!(
+                "field.toml: width = {width:.2} (now {:.2})",
+                setup.field.config.width
+            ),
+            Change::Mount { quarters, mirrored } => mount_text(setup, after, *quarters, *mirrored),
+            Change::CompassTurn(quarters) => {
+                let degrees = 90 * u16::from(*quarters);
+                format!(
+                    "compass.csv: turn heading_rad by {degrees} degrees (the compass is mounted so)"
+                )
+            }
+            Change::CompassDegrees => {
+                "compass.csv: convert heading_rad from degrees to radians (divide by 57.29578)"
+                    .to_owned()
+            }
+            Change::TurnDegrees => {
+                "odometry.csv: convert dtheta_rad from degrees to radians (divide by 57.29578)"
+                    .to_owned()
+            }
+            Change::Centre([du, dv]) => match (&setup.camera, setup.is_calibrated()) {
+                (Some((camera, _)), false) => {
+                    let centre = after.camera(camera).centre_px;
+                    format!(
+                        "robot.toml: centre_px = [{:.1}, {:.1}] (now [{:.1}, {:.1}])",
+                        centre[0], centre[1], camera.centre_px[0], camera.centre_px[1]
+                    )
+                }
+                _ => format!(
+                    "calibrate the map again: the image has moved by ({du:+.1}, {dv:+.1}) pixels"
+                ),
+            },
+        }
+    }
+
+    /// What is probably wrong, for a warning of one line.
+    pub(super) fn cause(&self) -> &'static str {
+        match self {
+            Change::Field(..) => "the field file is of another field",
+            Change::Length(_) => "the field's length is wrong",
+            Change::Width(_) => "the field's width is wrong",
+            Change::Mount { mirrored: true, .. } => "left and right of the image are exchanged",
+            Change::Mount { .. } => "the camera's forward direction is wrong",
+            Change::CompassTurn(_) => "the compass is turned",
+            Change::CompassDegrees => "the compass's headings are in degrees",
+            Change::TurnDegrees => "the odometry's turns are in degrees",
+            Change::Centre(_) => "the mirror's centre in the image is wrong",
+        }
+    }
+}
+
+fn mount_text(setup: &Setup, after: &Variant, quarters: u8, mirrored: bool) -> String {
+    match (&setup.camera, setup.is_calibrated()) {
+        (Some((camera, _)), false) => {
+            let changed = after.camera(camera);
+            let mut edits = Vec::new();
+            if changed.flipped != camera.flipped {
+                edits.push(format!("flipped = {}", changed.flipped));
+            }
+            let turned = (changed.forward_deg - camera.forward_deg).rem_euclid(360.0);
+            if turned.min(360.0 - turned) > 0.5 {
+                edits.push(format!("forward_deg = {:.1}", changed.forward_deg));
+            }
+            format!("robot.toml: {}", edits.join(", "))
+        }
+        (camera, _) => {
+            let what = if camera.is_some() {
+                "calibrate the map again: its ground points are"
+            } else {
+                "points.csv: the points are"
+            };
+            let turn = format!("turned by {} degrees", 90 * u16::from(quarters));
+            let mirror = "mirrored (y_m has the wrong sign)".to_owned();
+            let wrong = [(quarters > 0).then_some(turn), mirrored.then_some(mirror)];
+            let wrong: Vec<String> = wrong.into_iter().flatten().collect();
+            format!("{what} {}", wrong.join(" and "))
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! Which measurements does a set-up have to explain? Line points with their pixels, wheels and compass at keyframes.
+
+use anyhow::Result;
+use localize::Stamp;
+use localize::sample::LinePoint;
+use vision::image::Image;
+use vision::process::Vision;
+
+use crate::config::PipelineConfig;
+use crate::recording::{RecordedData, Recording};
+use crate::setup::Setup;
+
+/// Keyframes of a recording: more add time, not certainty.
+pub(super) const KEYFRAMES_MAX: usize = 40;
+/// Motion between keyframes: metres, where a radian and two seconds count as half a metre and a quarter.
+pub(super) const SPACING_MIN: f32 = 0.3;
+pub(super) const METRES_PER_RADIAN: f32 = 0.5;
+pub(super) const METRES_PER_SECOND: f32 = 0.125;
+/// Longest gap in the odometry that connects two keyframes, seconds.
+pub(super) const ODOMETRY_GAP_MAX: f64 = 1.0;
+/// Largest age of a compass reading at an image, seconds.
+const COMPASS_AGE_MAX: f64 = 0.5;
+
+/// What was measured at one image and since the keyframe before it.
+#[derive(Debug, Clone, Default)]
+pub struct MeasuredKeyframe {
+    /// Stamp of the image.
+    pub stamp: Stamp,
+    /// Line points in the robot frame of the configured camera.
+    pub points: Vec<LinePoint>,
+    /// Their pixels. Empty for line points of another vision system.
+    pub pixels: Vec<[f32; 2]>,
+    /// Rows of the odometry since the previous keyframe. None if no odometry connects them.
+    pub odometry: Option<Vec<[f32; 3]>>,
+    /// Heading of the compass, radians.
+    pub compass: Option<f32>,
+}
+
+/// Time line of a recording before images are read: one entry per image.
+struct TimelineEntry {
+    index: usize,
+    stamp: Stamp,
+    odometry: Option<Vec<[f32; 3]>>,
+    compass: Option<f32>,
+    /// Motion since the previous image, metres.
+    progress: f32,
+}
+
+/// Selects keyframes of a recording and detects their line points.
+pub(super) fn measure(
+    recording: &Recording,
+    setup: &Setup,
+    config: &PipelineConfig,
+) -> Result<Vec<MeasuredKeyframe>> {
+    let entries = select(timeline(recording));
+    let mut vision = match &setup.camera {
+        Some((camera, map)) => Some(Vision::with_mask(
+            map,
+            camera,
+            setup.mask.as_deref(),
+            setup.field.config.line_width,
+            config.vision.clone(),
+        )?),
+        None => None,
+    };
+    if let (Some(vision), Some(colours)) = (&mut vision, &setup.colours) {
+        vision.set_colour_table(colours.clone());
+    }
+    let mut last: Option<Stamp> = None;
+    let mut keyframes = Vec::new();
+    for entry in entries {
+        let mut keyframe = MeasuredKeyframe {
+            stamp: entry.stamp,
+            odometry: entry.odometry,
+            compass: entry.compass,
+            ..MeasuredKeyframe::default()
+        };
+        match &recording.events()[entry.index].data {
+            RecordedData::Points(points) => keyframe.points.clone_from(points),
+            RecordedData::Image(path) => {
+                let (Some(vision), Ok(image)) = (&mut vision, Image::load(path)) else {
+                    continue;
+                };
+                if last.is_some_and(|last| (entry.stamp - last).abs() > 1.0) {
+                    vision.reset_colour_model();
+                }
+                last = Some(entry.stamp);
+                // An image that cannot be used has no line points.
+                if let Ok(detections) = vision.process_lines(&image.view()) {
+                    let found = &detections.line_points;
+                    keyframe.points = found.iter().map(|found| found.point).collect();
+                    keyframe.pixels = found.iter().map(|found| found.position_px).collect();
+                }
+            }
+            _ => continue,
+        }
+        keyframes.push(keyframe);
+    }
+    Ok(keyframes)
+}
+
+fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
+    let mut entries: Vec<TimelineEntry> = Vec::new();
+    let mut rows: Vec<[f32; 3]> = Vec::new();
+    let mut last_odometry: Option<Stamp> = None;
+    let mut connected = false;
+    let mut compass: Vec<(Stamp, f32)> = Vec::new();
+    for event in recording.events() {
+        if let RecordedData::Compass(reading) = &event.data {
+            compass.push((event.stamp, reading.heading));
+        }
+    }
+    for (index, event) in recording.events().iter().enumerate() {
+        match &event.data {
+            RecordedData::Odometry(odometry) => {
+                connected &=
+                    last_odometry.is_none_or(|last| event.stamp - last <= ODOMETRY_GAP_MAX);
+                last_odometry = Some(event.stamp);
+                rows.push([odometry.dx, odometry.dy, odometry.dtheta]);
+            }
+            RecordedData::Image(_) | RecordedData::Points(_) => {
+                connected &=
+                    last_odometry.is_some_and(|last| event.stamp - last <= ODOMETRY_GAP_MAX);
+                let seconds = entries
+                    .last()
+                    .map_or(0.0, |last| (event.stamp - last.stamp) as f32);
+                let moved: f32 = rows
+                    .iter()
+                    .map(|[dx, dy, turn]| {
+                        localize::math::hypot(*dx, *dy) + METRES_PER_RADIAN * turn.abs().min(0.5)
+                    })
+                    .sum();
+                entries.push(TimelineEntry {
+                    index,
+                    stamp: event.stamp,
+                    odometry: connected.then(|| rows.clone()),
+                    compass: nearest_reading(&compass, event.stamp),
+                    progress: moved + METRES_PER_SECOND * seconds.clamp(0.0, 4.0),
+                });
+                rows.clear();
+                connected = true;
+            }
+            RecordedData::Compass(_) | RecordedData::Truth(_) => {}
+        }
+    }
+    entries
+}
+
+fn nearest_reading(readings: &[(Stamp, f32)], stamp: Stamp) -> Option<f32> {
+    let after = readings.partition_point(|(at, _)| *at <= stamp);
+    let near = readings[after.saturating_sub(1)..].iter().take(2);
+    near.map(|(at, heading)| ((stamp - *at).abs(), *heading))
+        .filter(|(age, _)| *age <= COMPASS_AGE_MAX)
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, heading)| heading)
+}
+
+/// Evenly spaced entries; the odometry of those between is joined.
+fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
+    let total: f32 = entries.iter().map(|entry| entry.progress).sum();
+    let spacing = (total / KEYFRAMES_MAX as f32).max(SPACING_MIN);
+    let stride = entries.len().div_ceil(KEYFRAMES_MAX);
+    let connected = entries.iter().skip(1).any(|entry| entry.odometry.is_some());
+    let mut selected: Vec<TimelineEntry> = Vec::new();
+    let mut skipped: Option<Vec<[f32; 3]>> = Some(Vec::new());
+    let mut progress = f32::INFINITY;
+    for (position, mut entry) in entries.into_iter().enumerate() {
+        progress += entry.progress;
+        skipped = skipped.zip(entry.odometry.take()).map(|(mut all, rows)| {
+            all.extend(rows);
+            all
+        });
+        let due = if connected {
+            progress >= spacing
+        } else {
+            position % stride == 0
+        };
+        if due && selected.len() < KEYFRAMES_MAX {
+            entry.odometry = skipped.take().filter(|_| !selected.is_empty());
+            skipped = Some(Vec::new());
+            progress = 0.0;
+            selected.push(entry);
+        }
+    }
+    selected
+}
+
+/// Every `stride`-th keyframe, the odometry joined.
+pub(super) fn thin_out(measured: &[MeasuredKeyframe], stride: usize) -> Vec<MeasuredKeyframe> {
+    measured
+        .chunks(stride)
+        .scan(
+            Some(Vec::new()),
+            |carried: &mut Option<Vec<[f32; 3]>>, chunk| {
+                let first = &chunk[0];
+                let join = |before: Option<Vec<[f32; 3]>>, rows: &Option<Vec<[f32; 3]>>| {
+                    before.zip(rows.clone()).map(|(mut all, rows)| {
+                        all.extend(rows);
+                        all
+                    })
+                };
+                let odometry = join(carried.take(), &first.odometry);
+                *carried = chunk[1..]
+                    .iter()
+                    .try_fold(Vec::new(), |all, next| join(Some(all), &next.odometry));
+                Some(MeasuredKeyframe {
+                    odometry,
+                    ..first.clone()
+                })
+            },
+        )
+        .collect()
+}

@@ -1,0 +1,313 @@
+//! Is the set-up right? Tries other fields, camera mounts, compass turns and units on the same measurements.
+//!
+//! `ranges` reads what the tables betray, `measurements` selects keyframes, `assess` compares variants of the set-up
+//! (`variant`, `change`) by `localize::setup_check`. The report has warnings for every run and suggestions for the
+//! doctor.
+
+mod assess;
+mod change;
+mod collector;
+mod measurements;
+mod ranges;
+#[cfg(test)]
+mod tests;
+mod variant;
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use localize::setup_check::Explanation;
+use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
+
+pub use assess::Effort;
+pub use collector::KeyframeCollector;
+pub use measurements::MeasuredKeyframe;
+pub use ranges::RangeFinding;
+
+use crate::config::{PIPELINE_FILE, PipelineConfig};
+use crate::log::LogReader;
+use crate::recording::{Recording, Table};
+use crate::setup::Setup;
+use assess::{Assessment, assess};
+use change::Change;
+
+/// How well the set-up explains its measurements.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FitFigures {
+    /// Keyframes that were compared.
+    pub keyframes: usize,
+    /// Share of the measurements that are explained: the shares below, multiplied.
+    pub fit: f32,
+    /// Share of the line points on markings.
+    pub on_markings: f32,
+    /// Root mean square distance of these points from the markings, metres.
+    pub residual_m: f32,
+    /// Share of the wheel steps that agree with the poses. None without odometry.
+    pub wheels_agree: Option<f32>,
+    /// Share of the compass readings that agree with the poses. None without a compass.
+    pub compass_agrees: Option<f32>,
+}
+
+impl FitFigures {
+    /// The figures as one line.
+    pub fn text(&self) -> String {
+        let sensor = |name: &str, share: Option<f32>| {
+            share.map_or_else(String::new, |share| {
+                format!("; {name} {:.0} %", 100.0 * share)
+            })
+        };
+        format!(
+            "set-up: {:.0} % of the line points on markings, {:.1} cm off{}{}",
+            100.0 * self.on_markings,
+            100.0 * self.residual_m,
+            sensor("wheels agree with", self.wheels_agree),
+            sensor("compass with", self.compass_agrees),
+        )
+    }
+}
+
+/// An edit that makes the set-up explain the measurements better.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Suggestion {
+    /// The edit to make.
+    pub change: String,
+    /// What is probably wrong.
+    pub cause: String,
+    /// Share of the measurements that are explained without it.
+    pub fit_before: f32,
+    /// Share of the measurements that are explained with it.
+    pub fit_after: f32,
+    /// Logarithm of the likelihood ratio. None where a table's range betrays the mistake.
+    pub gain: Option<f32>,
+    /// Number of the change: those of one number are alternatives, higher numbers come on top.
+    pub step: usize,
+}
+
+/// What the check of a set-up found.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct SetupReport {
+    /// Fit of the configured set-up. None if nothing could be compared.
+    pub figures: Option<FitFigures>,
+    /// One sentence per doubt; empty when all is well.
+    pub warnings: Vec<String>,
+    /// Edits, the first one first.
+    pub suggestions: Vec<Suggestion>,
+    /// Covariance that the poses of this set-up have at least.
+    #[serde(skip)]
+    pub doubt: Option<Matrix3<f32>>,
+    /// Tables in a wrong unit, which are left out.
+    #[serde(skip)]
+    pub unusable: Vec<Table>,
+}
+
+/// Position error that remains under a wrong field, metres, and heading error, radians.
+const DOUBT_STD: (f32, f32) = (0.25, 0.1);
+/// Share of compass readings that agree although the range of the column looks like degrees.
+const COMPASS_FINE: f32 = 0.8;
+
+/// Checks the set-up of a recording.
+pub fn check_recording(
+    recording: &Recording,
+    setup: &Setup,
+    config: &PipelineConfig,
+    effort: Effort,
+) -> Result<SetupReport> {
+    let ranges = ranges::check_ranges(recording);
+    let measured = measurements::measure(recording, setup, config)?;
+    Ok(check(setup, config, &measured, ranges, effort))
+}
+
+/// Checks the set-up that a log holds by the line points, wheels and compass that it recorded.
+pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
+    let log = LogReader::open(path)?;
+    let folder =
+        tempfile::tempdir().context("cannot make a temporary folder for the log's files")?;
+    log.header().write_files(folder.path())?;
+    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
+    let settings = folder.path().join(PIPELINE_FILE);
+    let config = PipelineConfig::load("default", settings.exists().then_some(&*settings))?;
+    let mut keyframes = KeyframeCollector::default();
+    for logged in log {
+        keyframes.add_cycle(&logged?.cycle);
+    }
+    Ok(check(
+        &setup,
+        &config,
+        &keyframes.keyframes(),
+        Vec::new(),
+        effort,
+    ))
+}
+
+/// Checks a set-up by measured keyframes; `ranges`: findings in the tables that they come from.
+pub fn check(
+    setup: &Setup,
+    config: &PipelineConfig,
+    measured: &[MeasuredKeyframe],
+    mut ranges: Vec<RangeFinding>,
+    effort: Effort,
+) -> SetupReport {
+    let usable: Vec<MeasuredKeyframe> = measured
+        .iter()
+        .filter(|keyframe| keyframe.points.len() >= config.localize.mode.points_min)
+        .cloned()
+        .collect();
+    if usable.len() < KEYFRAMES_MIN {
+        return SetupReport::default().with_ranges(&ranges);
+    }
+    let assessment = assess(setup, &config.localize, measured, effort);
+    let configured = &assessment.configured;
+    // A continuous heading in radians may exceed a turn: the poses decide.
+    if configured.compass_agrees().unwrap_or(0.0) >= COMPASS_FINE {
+        ranges.retain(|finding| finding.table != Table::Compass);
+    }
+    let mut report = SetupReport {
+        figures: Some(figures(configured)),
+        ..SetupReport::default()
+    };
+    let mut before = configured;
+    for (step, alternatives) in assessment.improvements.iter().enumerate() {
+        report
+            .suggestions
+            .extend(alternatives.iter().map(|improvement| Suggestion {
+                change: improvement.change.text(setup, &improvement.after),
+                cause: improvement.change.cause().to_owned(),
+                fit_before: before.fit(),
+                fit_after: improvement.explanation.fit(),
+                gain: Some(improvement.comparison.gain),
+                step: step + 1,
+            }));
+        let Some(best) = alternatives.first() else {
+            continue;
+        };
+        report.warnings.push(format!(
+            "{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
+            best.change.cause(),
+            best.change.text(setup, &best.after),
+            100.0 * best.explanation.fit(),
+            100.0 * before.fit(),
+        ));
+        before = &best.explanation;
+    }
+    if assessment.arbitrary {
+        report.warnings.push(format!(
+            "the line points fit this field no better than other fields ({:.0} % on markings): check the field file, and the map or mirror profile",
+            100.0 * configured.on_markings()
+        ));
+    }
+    report.doubt = doubt(setup, &assessment);
+    let named = |change: fn(&Change) -> bool| {
+        let all = assessment.improvements.iter().flatten();
+        all.clone().any(|improvement| change(&improvement.change))
+    };
+    let compass = named(|change| *change == Change::CompassDegrees);
+    let turns = named(|change| *change == Change::TurnDegrees);
+    if compass {
+        report.unusable.push(Table::Compass);
+        ranges.retain(|finding| finding.table != Table::Compass);
+    }
+    if turns {
+        report.unusable.push(Table::Odometry);
+        ranges.retain(|finding| finding.table != Table::Odometry);
+    }
+    report.with_ranges(&ranges)
+}
+
+/// Fewer keyframes say nothing about a set-up.
+const KEYFRAMES_MIN: usize = 4;
+
+fn figures(explanation: &Explanation) -> FitFigures {
+    FitFigures {
+        keyframes: explanation.keyframes.len(),
+        fit: explanation.fit(),
+        on_markings: explanation.on_markings(),
+        residual_m: explanation.residual(),
+        wheels_agree: explanation.wheels_agree(),
+        compass_agrees: explanation.compass_agrees(),
+    }
+}
+
+/// How uncertain poses of the configured set-up are, if another one is better.
+fn doubt(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
+    let (half_x, half_y) = setup.field.carpet_half_extent();
+    let turn = std::f32::consts::PI;
+    let unknown = Vector3::new(half_x * half_x, half_y * half_y, turn * turn) / 3.0;
+    let unknown = Matrix3::from_diagonal(&unknown);
+    if assessment.arbitrary {
+        return Some(unknown);
+    }
+    let changes = assessment
+        .improvements
+        .iter()
+        .flat_map(|found| found.first());
+    let doubtful: Vec<_> = changes
+        .filter(|found| {
+            !matches!(
+                found.change,
+                // Without the table in the wrong unit the poses are right.
+                Change::CompassDegrees | Change::TurnDegrees
+            )
+        })
+        .collect();
+    let last = doubtful.last()?;
+    if doubtful
+        .iter()
+        .any(|found| matches!(found.change, Change::Mount { .. } | Change::CompassTurn(_)))
+    {
+        return Some(unknown);
+    }
+    // Mean square difference of the poses under both set-ups, the half turn aside.
+    let pairs = assessment
+        .configured
+        .keyframes
+        .iter()
+        .zip(&last.explanation.keyframes);
+    let (sum, count) = pairs
+        .filter_map(|(now, other)| now.pose.zip(other.pose))
+        .fold((Matrix3::zeros(), 0.0_f32), |(sum, count), (now, other)| {
+            let turned = localize::global_search::branch_and_bound::half_turn(other);
+            let offset = [other, turned]
+                .map(|other| other.difference(now))
+                .into_iter()
+                .min_by(|a, b| a.norm().total_cmp(&b.norm()))
+                .unwrap_or_default();
+            (sum + offset * offset.transpose(), count + 1.0)
+        });
+    // Under a wrong size the poses may cling to either end.
+    let (now, other) = (&setup.field.config, &last.after.field);
+    let resized = Vector3::new(
+        0.5 * (now.length - other.length),
+        0.5 * (now.width - other.width),
+        0.0,
+    );
+    let floor = match last.change {
+        Change::Centre(_) => Vector3::zeros(),
+        _ => Vector3::new(DOUBT_STD.0, DOUBT_STD.0, DOUBT_STD.1),
+    };
+    let floor = floor.component_mul(&floor) + resized.component_mul(&resized);
+    let floor = Matrix3::from_diagonal(&floor);
+    Some(sum / count.max(1.0) + floor)
+}
+
+impl SetupReport {
+    /// Adds what the ranges of the tables betray.
+    fn with_ranges(mut self, ranges: &[RangeFinding]) -> Self {
+        for finding in ranges {
+            self.warnings
+                .push(format!("{} `{}`", finding.found, finding.change));
+            self.suggestions.push(Suggestion {
+                change: finding.change.clone(),
+                cause: finding.found.clone(),
+                fit_before: finding.fit[0],
+                fit_after: finding.fit[1],
+                gain: None,
+                step: self.suggestions.last().map_or(0, |last| last.step) + 1,
+            });
+            if finding.table != Table::Images {
+                self.unusable.push(finding.table);
+            }
+        }
+        self
+    }
+}

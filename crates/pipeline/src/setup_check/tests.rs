@@ -1,0 +1,83 @@
+//! Wrong units are named, and odd but right tables are not.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use super::ranges::{RangeFinding, check_ranges};
+use crate::recording::{Recording, Table};
+
+/// Ten seconds at 20 Hz of a robot that turns at 1 rad/s. Arguments: factor of the images' stamps, factor of the turns,
+/// and heading of the compass by time.
+fn findings(stamps: f64, turns: f64, heading: impl Fn(f64) -> f64) -> Vec<RangeFinding> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut points = "stamp_s,x_m,y_m\n".to_owned();
+    let mut odometry = "stamp_s,dx_m,dy_m,dtheta_rad\n".to_owned();
+    let mut compass = "stamp_s,heading_rad\n".to_owned();
+    for k in 0..200 {
+        let time = f64::from(k) / 20.0;
+        writeln!(points, "{:.4},1.0,0.5", (3.0 + time) * stamps).expect("text");
+        writeln!(odometry, "{:.4},0.05,0.0,{:.5}", 3.0 + time, 0.05 * turns).expect("text");
+        writeln!(compass, "{:.4},{:.5}", 3.0 + time, heading(time)).expect("text");
+    }
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text);
+    write("points.csv", &points).expect("a file");
+    write("odometry.csv", &odometry).expect("a file");
+    write("compass.csv", &compass).expect("a file");
+    read(folder.path())
+}
+
+fn read(folder: &Path) -> Vec<RangeFinding> {
+    check_ranges(&Recording::open(folder, 0.04).expect("a recording"))
+}
+
+fn wrapped(angle: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    (angle + turn / 2.0).rem_euclid(turn) - turn / 2.0
+}
+
+#[test]
+fn right_tables_and_a_continuous_heading_have_no_finding() {
+    assert_eq!(findings(1.0, 1.0, wrapped), []);
+    assert_eq!(findings(1.0, 1.0, |time| 2.0 + time), []);
+}
+
+#[test]
+fn headings_and_turns_in_degrees_are_named() {
+    let headings = findings(1.0, 1.0, |time| wrapped(time).to_degrees());
+    assert_eq!(headings.len(), 1, "{headings:?}");
+    assert_eq!(headings[0].table, Table::Compass);
+    let turns = findings(1.0, 57.295_78, wrapped);
+    assert_eq!(turns.len(), 1, "{turns:?}");
+    assert_eq!(turns[0].table, Table::Odometry);
+    assert!(turns[0].found.contains("57 rad/s"), "{turns:?}");
+}
+
+#[test]
+fn stamps_of_another_unit_or_clock_are_named() {
+    let milliseconds = findings(1e3, 1.0, wrapped);
+    assert_eq!(milliseconds.len(), 1, "{milliseconds:?}");
+    assert!(
+        milliseconds[0]
+            .change
+            .contains("points.csv: convert stamp_s from milliseconds"),
+        "{milliseconds:?}"
+    );
+    assert!(milliseconds[0].fit[0] < 0.1 && milliseconds[0].fit[1] > 0.9);
+}
+
+#[test]
+fn recording_whose_odometry_ends_early_has_no_finding() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let rows = |count: i32, text: &str| -> String {
+        (0..count).fold(String::new(), |all, k| {
+            format!("{all}{:.2},{text}\n", f64::from(k) / 10.0)
+        })
+    };
+    let points = format!("stamp_s,x_m,y_m\n{}", rows(600, "1.0,0.5"));
+    let header = "stamp_s,dx_m,dy_m,dtheta_rad\n";
+    // One row of a counter that overflowed is no wrong unit either.
+    let odometry = format!("{header}{}20.0,0.1,0.0,31.0\n", rows(200, "0.1,0.0,0.01"));
+    std::fs::write(folder.path().join("points.csv"), points).expect("a file");
+    std::fs::write(folder.path().join("odometry.csv"), odometry).expect("a file");
+    assert_eq!(read(folder.path()), []);
+}

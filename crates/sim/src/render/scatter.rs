@@ -1,0 +1,220 @@
+//! Where does light go that mirror and lens scatter? Into a halo around bright parts (bloom) and over the whole image
+//! (veiling glare).
+//!
+//! Both point spread functions are two-sided exponentials, as those of real optics have long tails. They are applied to
+//! an image of `CELL` × `CELL` pixels per value, which halos exceed in width.
+
+use super::motion_blur::LightPixel;
+use crate::image_sensor::FilmConfig;
+
+/// Pixels per side of a value.
+const CELL: usize = 4;
+/// Values per side of a value of the coarsest image, in which veiling glare spreads.
+const GLARE_CELL: usize = 4;
+/// Radius of veiling glare over the image's width.
+const GLARE_RADIUS: f32 = 0.25;
+
+/// Scattered light of an image at reduced resolution.
+#[derive(Default)]
+pub(super) struct Scatter {
+    columns: usize,
+    rows: usize,
+    values: Vec<[f32; 4]>,
+    sums: Vec<[u32; 4]>,
+    coarse: Vec<[f32; 4]>,
+    /// Interpolated values of one image row, with one more at each end.
+    row: Vec<[f32; 4]>,
+}
+
+impl Scatter {
+    /// Computes the scattered light of an image.
+    pub(super) fn update(&mut self, light: &[LightPixel], width_px: usize, film: &FilmConfig) {
+        let height_px = light.len() / width_px.max(1);
+        (self.columns, self.rows) = (width_px.div_ceil(CELL), height_px.div_ceil(CELL));
+        self.values.resize(self.columns * self.rows, [0.0; 4]);
+        for (rows, values) in light
+            .chunks(CELL * width_px)
+            .zip(self.values.chunks_mut(self.columns))
+        {
+            self.sums.clear();
+            self.sums.resize(self.columns, [0; 4]);
+            for row in rows.chunks(width_px) {
+                let (cells, rest) = row.as_chunks::<CELL>();
+                for (sum, cell) in self.sums.iter_mut().zip(cells) {
+                    for k in 0..4 {
+                        let [a, b, c, d] = cell.map(|pixel| u32::from(pixel[k]));
+                        sum[k] += a + b + c + d;
+                    }
+                }
+                if let (Some(sum), false) = (self.sums.last_mut(), rest.is_empty()) {
+                    // The last cell of a row may be narrower: its mean counts for the missing pixels.
+                    for pixel in rest {
+                        for (sum, light) in sum.iter_mut().zip(pixel) {
+                            *sum += u32::from(*light) * CELL as u32 / rest.len() as u32;
+                        }
+                    }
+                }
+            }
+            let per = 1.0 / (CELL * (rows.len() / width_px)) as f32;
+            for (value, sum) in values.iter_mut().zip(&self.sums) {
+                *value = sum.map(|sum| per * sum as f32);
+            }
+        }
+        self.spread_glare(film);
+        spread(
+            &mut self.values,
+            self.columns,
+            film.bloom_radius_px / CELL as f32,
+        );
+        self.add_glare(film);
+    }
+
+    /// The image averaged over `GLARE_CELL` values, spread over a quarter of the image.
+    fn spread_glare(&mut self, film: &FilmConfig) {
+        let (columns, rows) = (
+            self.columns.div_ceil(GLARE_CELL),
+            self.rows.div_ceil(GLARE_CELL),
+        );
+        self.coarse.clear();
+        self.coarse.resize(columns * rows, [0.0; 4]);
+        if film.glare <= 0.0 {
+            return;
+        }
+        let per = 1.0 / (GLARE_CELL * GLARE_CELL) as f32;
+        for (row, values) in self.values.chunks(self.columns).enumerate() {
+            let coarse = &mut self.coarse[row / GLARE_CELL * columns..][..columns];
+            for (sum, cell) in coarse.iter_mut().zip(values.chunks(GLARE_CELL)) {
+                for value in cell {
+                    for (sum, part) in sum.iter_mut().zip(value) {
+                        *sum += per * part;
+                    }
+                }
+            }
+        }
+        spread(&mut self.coarse, columns, GLARE_RADIUS * columns as f32);
+    }
+
+    /// Adds bloom and glare with their shares.
+    fn add_glare(&mut self, film: &FilmConfig) {
+        let columns = self.columns.div_ceil(GLARE_CELL);
+        let last = self.coarse.len() / columns.max(1) - 1;
+        let place = |index: usize, last: usize| {
+            let at = ((index as f32 + 0.5) / GLARE_CELL as f32 - 0.5).clamp(0.0, last as f32);
+            ((at as usize).min(last.saturating_sub(1)), at)
+        };
+        for (row, values) in self.values.chunks_mut(self.columns).enumerate() {
+            let (above, at) = place(row, last);
+            let down = at - above as f32;
+            let below = (above + 1).min(last);
+            for (column, value) in values.iter_mut().enumerate() {
+                let (left, at) = place(column, columns - 1);
+                let (across, right) = (at - left as f32, (left + 1).min(columns - 1));
+                let corner = |row: usize, column: usize| self.coarse[row * columns + column];
+                let (a, b) = (corner(above, left), corner(above, right));
+                let (c, d) = (corner(below, left), corner(below, right));
+                for k in 0..4 {
+                    let (high, low) =
+                        (a[k] + across * (b[k] - a[k]), c[k] + across * (d[k] - c[k]));
+                    value[k] = film.bloom * value[k] + film.glare * (high + down * (low - high));
+                }
+            }
+        }
+    }
+
+    /// Adds the scattered light of a row of pixels that measure `colours` in even and odd columns.
+    pub(super) fn add_to(&mut self, row: usize, colours: [usize; 2], light: &mut [f32]) {
+        let [even, odd] = colours.map(|colour| colour & 3);
+        let values = self.row(row);
+        for (pixels, around) in light.chunks_mut(CELL).zip(values.windows(3)) {
+            let [left, own, right] = [around[0], around[1], around[2]];
+            let mix = |a: f32, b: f32, part: f32| a + part * (b - a);
+            let scattered: [f32; CELL] = [
+                mix(left[even], own[even], 0.625),
+                mix(left[odd], own[odd], 0.875),
+                mix(own[even], right[even], 0.125),
+                mix(own[odd], right[odd], 0.375),
+            ];
+            for (light, scattered) in pixels.iter_mut().zip(scattered) {
+                *light += scattered;
+            }
+        }
+    }
+
+    /// Scattered light of one image row at the values' columns, with the outermost ones repeated at both ends.
+    fn row(&mut self, row: usize) -> &[[f32; 4]] {
+        let at = ((row as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (self.rows - 1) as f32);
+        let above = at as usize;
+        let (part, below) = (at - above as f32, (above + 1).min(self.rows - 1));
+        let above = &self.values[above * self.columns..][..self.columns];
+        let below = &self.values[below * self.columns..][..self.columns];
+        self.row.resize(self.columns + 2, [0.0; 4]);
+        for ((out, above), below) in self.row[1..].iter_mut().zip(above).zip(below) {
+            for k in 0..4 {
+                out[k] = above[k] + part * (below[k] - above[k]);
+            }
+        }
+        self.row[0] = self.row[1];
+        self.row[self.columns + 1] = self.row[self.columns];
+        &self.row
+    }
+}
+
+/// Convolves with a two-sided exponential of a radius in values, along columns and rows.
+fn spread(values: &mut [[f32; 4]], columns: usize, radius: f32) {
+    // A step of the filter passes on exp(-1/radius) of its state.
+    let keep = (-1.0 / radius.max(1e-3)).exp();
+    let take = 1.0 - keep;
+    let step = |state: &mut [f32; 4], value: &mut [f32; 4]| {
+        for (state, value) in state.iter_mut().zip(value) {
+            *state = keep * *state + take * *value;
+            *value = *state;
+        }
+    };
+    for row in values.chunks_mut(columns) {
+        let mut state = row[0];
+        row.iter_mut().for_each(|value| step(&mut state, value));
+        let mut state = row[row.len() - 1];
+        row.iter_mut()
+            .rev()
+            .for_each(|value| step(&mut state, value));
+    }
+    let rows = values.len() / columns;
+    let flat = values.as_flattened_mut();
+    let width = 4 * columns;
+    let mut pass = |from: usize, to: usize| {
+        let (low, high) = flat.split_at_mut(from.max(to) * width);
+        let (state, value) = if from < to {
+            (&low[from * width..][..width], &mut high[..width])
+        } else {
+            (&high[..width], &mut low[to * width..][..width])
+        };
+        for (value, state) in value.iter_mut().zip(state) {
+            *value = keep * state + take * *value;
+        }
+    };
+    (1..rows).for_each(|row| pass(row - 1, row));
+    (1..rows).rev().for_each(|row| pass(row, row - 1));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scattering_keeps_the_light_of_an_even_image_and_widens_a_point_by_its_radius() {
+        let mut even = vec![[3.0; 4]; 30 * 20];
+        spread(&mut even, 30, 2.0);
+        assert!(
+            even.iter()
+                .flatten()
+                .all(|value| (value - 3.0).abs() < 1e-4)
+        );
+        let mut point = vec![[0.0; 4]; 61 * 61];
+        point[30 * 61 + 30] = [1.0; 4];
+        spread(&mut point, 61, 3.0);
+        let sum: f32 = point.iter().map(|value| value[0]).sum();
+        assert!((sum - 1.0).abs() < 1e-3, "{sum}");
+        let ratio = point[30 * 61 + 36][0] / point[30 * 61 + 33][0];
+        assert!(ratio > 0.3 && ratio < 0.6, "{ratio}");
+    }
+}

@@ -1,0 +1,395 @@
+//! Calibration of the ground map from nothing but images and the field: no map, no mirror, no centre, no poses.
+//!
+//! The rim gives the centre, `mirror_search` a map that is good to a few percent, and the joint fit of `lines` the map.
+//! Halves of the images are fitted separately: only where they agree do the images decide.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use localize::Field;
+use localize::robot::CameraConfig;
+use rayon::prelude::*;
+
+use crate::calibrate::CalibrationError;
+use crate::calibrate::halves::{Disagreement, compare_halves};
+use crate::calibrate::joint_fit::Markings;
+use crate::calibrate::line_pixels::detect_line_pixels;
+use crate::calibrate::lines::{IMAGES_MIN, LinesCalibration, NamedImage, refine_map};
+use crate::calibrate::map_alignment::PlanarTransform;
+use crate::calibrate::mirror_search::{MirrorHypothesis, MirrorSearch, SearchImage, radii_px};
+use crate::calibrate::radial_model::{PixelPoint, RadialModel};
+use crate::calibrate::rim::{Rim, find_rim};
+use crate::config::VisionConfig;
+use crate::image::Image;
+use crate::optics::ground_map::GroundMap;
+
+/// A camera and its map, found without prior knowledge.
+#[derive(Debug, Clone)]
+pub struct UnknownMirror {
+    /// The camera: axis, rim, and forward image up.
+    pub camera: CameraConfig,
+    /// The rim. None if the images do not show it.
+    pub rim: Option<Rim>,
+    /// Map, poses and residuals.
+    pub calibration: LinesCalibration,
+    /// Disagreement of the maps of two halves of the images. None for fewer than eight used images.
+    pub disagreement: Option<Disagreement>,
+}
+
+/// Fewest line points of an image of the search.
+const POINTS_MIN: usize = 40;
+
+/// Images of the search: enough to tell mirrors apart.
+const SEARCH_IMAGES: usize = 12;
+
+/// Members of the family that are refined.
+const REFINED: usize = 40;
+
+/// The same when fields are compared: only large differences matter.
+const FIELD_IMAGES: usize = 6;
+const FIELD_REFINED: usize = 16;
+
+/// Rounds of pose search and joint fit for each.
+const REFINE_ROUNDS: usize = 3;
+
+/// A rival mirror within this score leaves the choice open.
+const UNDECIDED_MARGIN: f64 = 0.05;
+
+/// Another field must explain this much more of the points.
+const BETTER_FIELD_MARGIN: f64 = 0.08;
+
+/// Images that the map does not explain have a camera of their own from this score on.
+const SECOND_CAMERA_SCORE: f64 = 0.75;
+
+/// Below this share of the points on the field on markings, or above this disagreement of halves (metres), other fields
+/// are tried.
+const DOUBTFUL_SHARE: f64 = 0.92;
+const DOUBTFUL_DISAGREEMENT: f32 = 0.03;
+
+/// Limits of an accepted calibration.
+const SHARE_MIN: f64 = 0.7;
+/// The same for images that are too few for a comparison of halves.
+const SHARE_MIN_UNCHECKED: f64 = 0.85;
+const DISAGREEMENT_MAX: f32 = 0.06;
+
+/// Ground farther than this is not calibrated by lines, metres.
+const MAP_RANGE_MAX: f64 = 12.0;
+
+/// Finds the map of a mirror of which nothing is known.
+///
+/// `other_fields`: named fields that are tried if the images fit this one badly. `progress` is called with the work done,
+/// 0 to 1, from several threads.
+pub fn calibrate_unknown_mirror(
+    size_px: [usize; 2],
+    field: &Field,
+    other_fields: &[(String, Field)],
+    images: &[NamedImage],
+    vision_config: &VisionConfig,
+    progress: &(dyn Fn(f32) + Sync),
+) -> Result<UnknownMirror, CalibrationError> {
+    let pictures: Vec<&Image> = images.iter().map(|image| &image.image).collect();
+    let rim = find_rim(&pictures).ok();
+    let camera = start_camera(size_px, rim);
+    progress(0.05);
+    let all = search_images(&camera, field, images, vision_config)?;
+    progress(0.1);
+    let attempt = Attempt {
+        rim_px: f64::from(camera.outer_radius_px.unwrap_or(1.0)),
+        height: f64::from(vision_config.objects.viewpoint_height),
+        all: &all,
+    };
+    let result = attempt.calibrate(&camera, rim, field, images, vision_config, progress);
+    let doubtful = match &result {
+        Ok(found) => found.is_doubtful(),
+        Err(error) => matches!(error, CalibrationError::Undecided(_)),
+    };
+    if doubtful {
+        // The most frequent reason is the field file.
+        attempt.ensure_no_better_field(field, other_fields)?;
+    }
+    progress(1.0);
+    let found = result?;
+    found.ensure_accepted()?;
+    Ok(found)
+}
+
+impl UnknownMirror {
+    /// True if another field may explain the images better.
+    fn is_doubtful(&self) -> bool {
+        let apart = self.disagreement.map_or(0.0, |apart| apart.near);
+        self.calibration.on_field_share < DOUBTFUL_SHARE || apart > DOUBTFUL_DISAGREEMENT
+    }
+
+    fn ensure_accepted(&self) -> Result<(), CalibrationError> {
+        let share = self.calibration.on_field_share;
+        let share_min = match self.disagreement {
+            Some(_) => SHARE_MIN,
+            None => SHARE_MIN_UNCHECKED,
+        };
+        if share < share_min {
+            return Err(CalibrationError::WrongField {
+                share_percent: (100.0 * share) as u32,
+                hint: "Check the sizes in the field file; if they are right, take more images, with the centre \
+                       circle and corners in view"
+                    .into(),
+            });
+        }
+        match self.disagreement {
+            Some(apart) if apart.near > DISAGREEMENT_MAX => {
+                Err(CalibrationError::Undecided(format!(
+                    "the maps of two halves of the images differ by {:.0} cm up to 3 m. Take more images of one camera \
+                     all over the field, with the centre circle and corners in view",
+                    100.0 * apart.near
+                )))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Line points of the images that have enough of them; an error if there are too few such images.
+fn search_images(
+    camera: &CameraConfig,
+    field: &Field,
+    images: &[NamedImage],
+    vision_config: &VisionConfig,
+) -> Result<Vec<SearchImage>, CalibrationError> {
+    let found = detect_line_pixels(camera, field.config.line_width, images, vision_config)?;
+    let all: Vec<SearchImage> = found
+        .iter()
+        .enumerate()
+        .filter(|(_, image)| image.points.len() >= POINTS_MIN)
+        .map(|(index, image)| SearchImage {
+            index,
+            points: image.points.iter().map(|&at| PixelPoint(at)).collect(),
+        })
+        .collect();
+    if all.len() >= IMAGES_MIN {
+        return Ok(all);
+    }
+    let reasons: Vec<String> = found
+        .iter()
+        .zip(images)
+        .filter(|(found, _)| found.points.len() < POINTS_MIN)
+        .map(|(found, image)| match &found.refused {
+            Some(reason) => format!("{}: {reason}", image.name),
+            None => format!("{}: {} line points", image.name, found.points.len()),
+        })
+        .take(3)
+        .collect();
+    Err(CalibrationError::TooFewImages {
+        used: all.len(),
+        total: images.len(),
+        required: IMAGES_MIN,
+        reasons: reasons.join("; "),
+    })
+}
+
+/// Keeps the origin of the robot frame below the mirror's axis, where the radial model has it.
+///
+/// Markings and free poses do not determine the frame: the joint fit may shift and rotate it by centimetres.
+fn fix_robot_frame(calibration: &mut LinesCalibration, start: &GroundMap) {
+    let transform = PlanarTransform::between(&calibration.map, start);
+    transform.apply_to_map(&mut calibration.map);
+    for pose in calibration.poses.iter_mut().flatten() {
+        *pose = transform.apply_to_pose(*pose);
+    }
+}
+
+/// The camera before the axis is known: the rim's, else the image's centre.
+fn start_camera([width_px, height_px]: [usize; 2], rim: Option<Rim>) -> CameraConfig {
+    let (width, height) = (width_px as f32, height_px as f32);
+    let (centre_px, radius) = match rim {
+        Some(rim) => (rim.centre_px, rim.radius_px),
+        // Without a visible rim the mirror fills the image, and its rim lies near the image's corners.
+        None => (
+            [(width - 1.0) / 2.0, (height - 1.0) / 2.0],
+            0.5 * width.min(height) * 1.15,
+        ),
+    };
+    CameraConfig {
+        width_px,
+        height_px,
+        focal_px: None,
+        centre_px,
+        height: None,
+        forward_deg: 90.0,
+        flipped: true,
+        outer_radius_px: Some(radius),
+    }
+}
+
+/// What all searches of one set of images share.
+struct Attempt<'a> {
+    rim_px: f64,
+    /// Of the viewpoint above the ground, metres.
+    height: f64,
+    all: &'a [SearchImage],
+}
+
+impl Attempt<'_> {
+    fn calibrate(
+        &self,
+        camera: &CameraConfig,
+        rim: Option<Rim>,
+        field: &Field,
+        images: &[NamedImage],
+        vision_config: &VisionConfig,
+        progress: &(dyn Fn(f32) + Sync),
+    ) -> Result<UnknownMirror, CalibrationError> {
+        let chosen = choose_images(self.all, SEARCH_IMAGES);
+        let step = |done: f32| progress(0.1 + 0.6 * done);
+        let ranked = self.rank_models(&chosen, field, REFINED, &step);
+        let model = self.fit_all(field, decide(&ranked)?);
+        let camera = CameraConfig {
+            centre_px: model.centre_px(camera),
+            ..camera.clone()
+        };
+        let start = model.ground_map(&camera, MAP_RANGE_MAX);
+        let mut calibration = refine_map(&camera, &start, field, images, vision_config)?;
+        progress(0.8);
+        self.separate_cameras(field, &calibration, images)?;
+        let disagreement =
+            compare_halves(&camera, &start, field, images, vision_config, &calibration);
+        progress(0.9);
+        fix_robot_frame(&mut calibration, &start);
+        Ok(UnknownMirror {
+            camera,
+            rim,
+            calibration,
+            disagreement,
+        })
+    }
+
+    /// Plausible mirrors for some images, by the share of the points that they explain; of the family's best members.
+    fn rank_models(
+        &self,
+        chosen: &[SearchImage],
+        field: &Field,
+        refined: usize,
+        progress: &(dyn Fn(f32) + Sync),
+    ) -> Vec<MirrorHypothesis> {
+        let markings = Markings::new(field);
+        let search = MirrorSearch::new(field, &markings, self.rim_px, self.height);
+        let [inner, outer] = radii_px(chosen);
+        let work = AtomicUsize::new(0);
+        let total = search.family_size() + refined;
+        let done = || {
+            let done = 1 + work.fetch_add(1, Ordering::Relaxed);
+            progress(done as f32 / total as f32);
+        };
+        let family = search.search_family(chosen, &done);
+        let mut plausible: Vec<MirrorHypothesis> = family
+            .into_par_iter()
+            .take(refined)
+            .filter_map(|hypothesis| {
+                let refined = search.refine_repeatedly(hypothesis, chosen, REFINE_ROUNDS);
+                done();
+                refined.model.is_plausible(inner, outer).then_some(refined)
+            })
+            .collect();
+        plausible.sort_by(|a, b| b.score.total_cmp(&a.score));
+        plausible
+    }
+
+    /// The model refined with all images.
+    fn fit_all(&self, field: &Field, model: &RadialModel) -> RadialModel {
+        let markings = Markings::new(field);
+        let search = MirrorSearch::new(field, &markings, self.rim_px, self.height);
+        search.locate_and_refine(model, self.all).model
+    }
+
+    /// An error if one of the other fields explains the images better, by a shorter search for all of them.
+    fn ensure_no_better_field(
+        &self,
+        field: &Field,
+        others: &[(String, Field)],
+    ) -> Result<(), CalibrationError> {
+        let chosen = choose_images(self.all, FIELD_IMAGES);
+        let score = |field: &Field| {
+            let ranked = self.rank_models(&chosen, field, FIELD_REFINED, &|_| ());
+            ranked.first().map_or(0.0, |best| best.score)
+        };
+        let own = score(field);
+        let best = others
+            .iter()
+            .map(|(name, other)| (name, score(other)))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        match best {
+            Some((name, other)) if other > own + BETTER_FIELD_MARGIN => {
+                Err(CalibrationError::WrongField {
+                    share_percent: (100.0 * own) as u32,
+                    hint: format!("{name} fits better, with {:.0} %", 100.0 * other),
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// An error if images that the map does not explain have a map of their own.
+    fn separate_cameras(
+        &self,
+        field: &Field,
+        calibration: &LinesCalibration,
+        images: &[NamedImage],
+    ) -> Result<(), CalibrationError> {
+        let is_used = |index: usize| calibration.images[index].left_out.is_none();
+        let left: Vec<SearchImage> = self
+            .all
+            .iter()
+            .filter(|image| !is_used(image.index))
+            .cloned()
+            .collect();
+        if left.len() < IMAGES_MIN {
+            return Ok(());
+        }
+        let chosen = choose_images(&left, FIELD_IMAGES);
+        let ranked = self.rank_models(&chosen, field, FIELD_REFINED, &|_| ());
+        if ranked
+            .first()
+            .is_none_or(|found| found.score < SECOND_CAMERA_SCORE)
+        {
+            return Ok(());
+        }
+        let name = |index: usize| images[index].name.clone();
+        Err(CalibrationError::TwoCameras {
+            first: (0..images.len())
+                .filter(|&i| is_used(i))
+                .map(name)
+                .collect(),
+            second: left.iter().map(|image| name(image.index)).collect(),
+        })
+    }
+}
+
+/// The best of the ranked models; an error if another one explains the points as well.
+fn decide(ranked: &[MirrorHypothesis]) -> Result<&RadialModel, CalibrationError> {
+    let Some(best) = ranked.first() else {
+        return Err(CalibrationError::Undecided(
+            "no mirror explains the line points. Take more images all over the field".into(),
+        ));
+    };
+    let rival = ranked.iter().find(|other| {
+        other.score > best.score - UNDECIDED_MARGIN && !other.model.is_similar(&best.model)
+    });
+    match rival {
+        Some(rival) => Err(CalibrationError::Undecided(format!(
+            "two mirrors explain them alike, with ranges of {} ({:.0} % of the points) and {} ({:.0} %). Take images with \
+             the centre circle and corners in view",
+            best.model.describe(),
+            100.0 * best.score,
+            rival.model.describe(),
+            100.0 * rival.score
+        ))),
+        None => Ok(&best.model),
+    }
+}
+
+/// Images of the search: evenly over the recording, of those with many line points.
+fn choose_images(all: &[SearchImage], count: usize) -> Vec<SearchImage> {
+    let mut order: Vec<&SearchImage> = all.iter().collect();
+    order.sort_by_key(|image| std::cmp::Reverse(image.points.len()));
+    order.truncate((2 * order.len() / 3).max(count));
+    order.sort_by_key(|image| image.index);
+    let step = order.len().div_ceil(count).max(1);
+    order.into_iter().step_by(step).cloned().collect()
+}

@@ -1,0 +1,346 @@
+//! What do the rows of an image say about it? Samples of each row that shows ground, compared with each other and with
+//! the image before.
+
+use crate::image::{ImageView, PixelFormat};
+use crate::optics::ground_map::GroundMap;
+
+/// Columns between two samples of a row: 480 rows then have about 20,000 samples.
+const COLUMN_STEP: usize = 8;
+/// Fewest samples of a row; a shorter one at the edge of the ground says little.
+const ROW_SAMPLES_MIN: usize = 12;
+/// Rows and samples of a part of the floor, whose mean brightness is compared with others.
+const PART_ROWS: usize = 12;
+const PART_SAMPLES: usize = 4;
+/// Difference of two rows over those of their neighbours from which a displacement is sought, largest displacement in
+/// pixels, and share of the difference that it leaves at most.
+const DISPLACED_RATIO: f32 = 1.35;
+const DISPLACEMENT_MAX: usize = 100;
+const DISPLACED_SHARE: f32 = 0.5;
+/// Mean difference below which two rows show nothing that could be displaced, brightness levels.
+const DISPLACED_LEVEL: f32 = 6.0;
+/// Differences below this are noise or compression, brightness levels.
+const SEAM_FLOOR: f32 = 3.0;
+
+/// A row that shows ground.
+#[derive(Debug, Clone)]
+struct SampledRow {
+    row: usize,
+    /// Of each sample of the row, from the image's left edge to its right one: true if it shows ground.
+    ground: Vec<bool>,
+    /// Where its samples start.
+    start: usize,
+}
+
+/// The samples of an image and of the one before.
+#[derive(Debug, Clone)]
+pub(super) struct SampledRows {
+    size_px: (usize, usize),
+    rows: Vec<SampledRow>,
+    samples: Vec<[u8; 3]>,
+    last: Vec<[u8; 3]>,
+    /// True if `last` is of the image before.
+    has_last: bool,
+    yuv: bool,
+    /// Rows that one cell of a colour filter spans are read once.
+    row_step: usize,
+    scratch: Vec<f32>,
+}
+
+/// Consecutive rows with a property: how many were sampled, and the first and last of them in the image.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct RowRun {
+    pub(super) count: usize,
+    pub(super) first: usize,
+    pub(super) last: usize,
+}
+
+/// Brightness that 1 % and 99 % of the samples do not reach.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Levels {
+    pub(super) lower: f32,
+    pub(super) upper: f32,
+}
+
+/// Brightness differences on the floor, and those that noise explains.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Contrast {
+    pub(super) spread: f32,
+    pub(super) by_noise: f32,
+}
+
+impl SampledRows {
+    pub(super) fn new(map: &GroundMap) -> Self {
+        let mut start = 0;
+        let rows = (0..map.height_px)
+            .filter_map(|row| {
+                let ground: Vec<bool> = (0..map.width_px)
+                    .step_by(COLUMN_STEP)
+                    .map(|column| map.at(column, row).is_some())
+                    .collect();
+                let shown = ground.iter().filter(|&&shown| shown).count();
+                (shown >= ROW_SAMPLES_MIN).then(|| {
+                    let begin = start;
+                    start += ground.len();
+                    SampledRow {
+                        row,
+                        ground,
+                        start: begin,
+                    }
+                })
+            })
+            .collect();
+        SampledRows {
+            size_px: (map.width_px, map.height_px),
+            rows,
+            samples: vec![[0; 3]; start],
+            last: vec![[0; 3]; start],
+            has_last: false,
+            yuv: false,
+            row_step: 1,
+            scratch: Vec::new(),
+        }
+    }
+
+    pub(super) fn size_px(&self) -> (usize, usize) {
+        self.size_px
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// Number of rows that are read.
+    pub(super) fn count(&self) -> usize {
+        self.rows.len().div_ceil(self.row_step)
+    }
+
+    /// Reads an image; `follows`: it is the next of a sequence.
+    pub(super) fn read(&mut self, image: &ImageView<'_>, follows: bool) {
+        std::mem::swap(&mut self.samples, &mut self.last);
+        self.has_last = follows;
+        self.yuv = image.format.is_yuv();
+        self.row_step = match image.format {
+            PixelFormat::BayerRggb
+            | PixelFormat::BayerBggr
+            | PixelFormat::BayerGrbg
+            | PixelFormat::BayerGbrg => 2,
+            _ => 1,
+        };
+        for row in self.rows.iter().step_by(self.row_step) {
+            let samples = &mut self.samples[row.start..][..row.ground.len()];
+            for (number, sample) in samples.iter_mut().enumerate() {
+                *sample = image.native_channels(number * COLUMN_STEP, row.row);
+            }
+        }
+    }
+
+    fn read_rows(&self) -> impl Iterator<Item = &SampledRow> {
+        self.rows.iter().step_by(self.row_step)
+    }
+
+    fn of<'a>(row: &SampledRow, samples: &'a [[u8; 3]]) -> &'a [[u8; 3]] {
+        &samples[row.start..][..row.ground.len()]
+    }
+
+    fn brightness(&self, sample: [u8; 3]) -> u8 {
+        // Luminance, or green, which has most of it; red or blue where a picture has no green.
+        if self.yuv {
+            sample[0]
+        } else {
+            sample[0].max(sample[1]).max(sample[2])
+        }
+    }
+
+    pub(super) fn levels(&self) -> Levels {
+        let mut histogram = [0usize; 256];
+        let mut count = 0;
+        for row in self.read_rows() {
+            let samples = SampledRows::of(row, &self.samples);
+            for (&sample, &ground) in samples.iter().zip(&row.ground) {
+                histogram[usize::from(self.brightness(sample))] += usize::from(ground);
+                count += usize::from(ground);
+            }
+        }
+        let quantile = |share: f32| {
+            let rank = (share * count as f32) as usize;
+            let mut sum = 0;
+            let level = histogram.iter().position(|bin| {
+                sum += bin;
+                sum > rank
+            });
+            level.unwrap_or(255) as f32
+        };
+        Levels {
+            lower: quantile(0.01),
+            upper: quantile(0.99),
+        }
+    }
+
+    /// The longest run of rows that equal those of the image before.
+    pub(super) fn repeated_run(&self) -> RowRun {
+        if !self.has_last {
+            return RowRun::default();
+        }
+        self.longest_run(|row| {
+            let (now, before) = (
+                SampledRows::of(row, &self.samples),
+                SampledRows::of(row, &self.last),
+            );
+            now == before && !is_even(now)
+        })
+    }
+
+    /// The longest run of rows whose samples are all the same, beside the mirror's image too.
+    pub(super) fn empty_run(&self) -> RowRun {
+        self.longest_run(|row| is_even(SampledRows::of(row, &self.samples)))
+    }
+
+    fn longest_run(&self, has: impl Fn(&SampledRow) -> bool) -> RowRun {
+        let (mut longest, mut run) = (RowRun::default(), RowRun::default());
+        for row in self.read_rows() {
+            if !has(row) {
+                run = RowRun::default();
+                continue;
+            }
+            if run.count == 0 {
+                run.first = row.row;
+            }
+            (run.count, run.last) = (run.count + 1, row.row);
+            if run.count > longest.count {
+                longest = run;
+            }
+        }
+        longest
+    }
+
+    /// The row that does not continue the one above.
+    ///
+    /// Optics spread each edge over several rows. Only parts of two images differ from one row to the next by `ratio`
+    /// times as much as the rows next to them, or continue each other better after a displacement.
+    pub(super) fn seam(&mut self, image: &ImageView<'_>, ratio: f32) -> Option<usize> {
+        let mut differences = std::mem::take(&mut self.scratch);
+        differences.clear();
+        let rows: Vec<&SampledRow> = self.read_rows().collect();
+        for pair in rows.windows(2) {
+            let [above, below] = [pair[0], pair[1]];
+            if below.row != above.row + self.row_step {
+                differences.push(f32::NAN);
+                continue;
+            }
+            let (upper, lower) = (
+                SampledRows::of(above, &self.samples),
+                SampledRows::of(below, &self.samples),
+            );
+            let (mut sum, mut count) = (0u32, 0u32);
+            for place in 0..upper.len() {
+                if above.ground[place] && below.ground[place] {
+                    let levels = [upper[place], lower[place]].map(|of| self.brightness(of));
+                    sum += u32::from(levels[0].abs_diff(levels[1]));
+                    count += 1;
+                }
+            }
+            differences.push(sum as f32 / count.max(1) as f32);
+        }
+        let seam = differences.windows(5).enumerate().find(|(index, around)| {
+            let beside = around[0].max(around[1]).max(around[3]).max(around[4]);
+            let least = beside.max(SEAM_FLOOR);
+            around[2] > ratio * least
+                || (around[2] > DISPLACED_RATIO * least
+                    && self.is_displaced(image, rows[index + 2]))
+        });
+        let row = seam.map(|(index, _)| rows[index + 3].row);
+        self.scratch = differences;
+        row
+    }
+
+    /// True if the row below one continues it much better when it is displaced.
+    fn is_displaced(&self, image: &ImageView<'_>, above: &SampledRow) -> bool {
+        let shown = |shown: &bool| *shown;
+        let (Some(first), Some(last)) = (
+            above.ground.iter().position(shown),
+            above.ground.iter().rposition(shown),
+        ) else {
+            return false;
+        };
+        let columns = first * COLUMN_STEP..last * COLUMN_STEP;
+        let [upper, lower]: [Vec<u8>; 2] = [above.row, above.row + self.row_step].map(|row| {
+            let level = |column| self.brightness(image.native_channels(column, row));
+            columns.clone().map(level).collect()
+        });
+        let most = DISPLACEMENT_MAX.min(upper.len() / 3);
+        // The difference over the same middle part of the upper row, for each displacement.
+        let difference = |shift: usize| -> u32 {
+            let middle = &upper[most..upper.len() - most];
+            let pairs = middle.iter().zip(&lower[shift..]).step_by(2);
+            pairs.map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
+        };
+        let in_place = difference(most);
+        let compared = (upper.len() - 2 * most).div_ceil(2);
+        if (in_place as f32) < DISPLACED_LEVEL * compared as f32 {
+            return false;
+        }
+        let away = (0..=2 * most).filter(|shift| shift.abs_diff(most) >= 3);
+        let best = away.map(difference).min().unwrap_or(u32::MAX);
+        (best as f32) < DISPLACED_SHARE * in_place as f32
+    }
+
+    /// Spread of the mean brightness over parts of the floor.
+    pub(super) fn contrast(&self) -> Contrast {
+        let mut means: Vec<f32> = Vec::new();
+        let mut noise: Vec<f32> = Vec::new();
+        let mut fewest = usize::MAX;
+        let rows: Vec<&SampledRow> = self.read_rows().collect();
+        for band in rows.chunks(PART_ROWS) {
+            let parts = self.size_px.0.div_ceil(PART_SAMPLES * COLUMN_STEP);
+            let mut sums = vec![(0.0f32, 0usize); parts];
+            for row in band {
+                let mut last: Option<f32> = None;
+                let samples = SampledRows::of(row, &self.samples);
+                for (number, (&sample, &ground)) in samples.iter().zip(&row.ground).enumerate() {
+                    let level = ground.then(|| f32::from(self.brightness(sample)));
+                    if let (Some(level), Some(last)) = (level, last) {
+                        noise.push((level - last).abs());
+                    }
+                    if let Some(level) = level {
+                        let part = &mut sums[number / PART_SAMPLES];
+                        *part = (part.0 + level, part.1 + 1);
+                    }
+                    last = level;
+                }
+            }
+            let full = PART_ROWS * PART_SAMPLES / (2 * self.row_step);
+            let whole = sums.iter().filter(|(_, count)| *count >= full);
+            for (sum, count) in whole {
+                means.push(sum / *count as f32);
+                fewest = fewest.min(*count);
+            }
+        }
+        if means.len() < 20 {
+            return Contrast {
+                spread: f32::INFINITY,
+                by_noise: 0.0,
+            };
+        }
+        means.sort_unstable_by(f32::total_cmp);
+        noise.sort_unstable_by(f32::total_cmp);
+        // The median absolute difference of two normal numbers is 0.954 σ; the mean of n has σ/√n, and 90 % of such
+        // means lie within ± 1.64 of that.
+        let sigma = noise[noise.len() / 2] / 0.954;
+        Contrast {
+            spread: means[means.len() * 19 / 20] - means[means.len() / 20],
+            by_noise: 1.5 * 2.0 * 1.64 * sigma / (fewest as f32).sqrt(),
+        }
+    }
+}
+
+/// True if all samples are the same, but for a level.
+fn is_even(samples: &[[u8; 3]]) -> bool {
+    let (mut least, mut most) = ([u8::MAX; 3], [u8::MIN; 3]);
+    for sample in samples {
+        for k in 0..3 {
+            least[k] = least[k].min(sample[k]);
+            most[k] = most[k].max(sample[k]);
+        }
+    }
+    (0..3).all(|k| most[k] - least[k] <= 1)
+}

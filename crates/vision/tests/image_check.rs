@@ -1,0 +1,89 @@
+//! No photograph of a real robot is taken for a broken image, whatever its light, colours and blur.
+
+use std::path::{Path, PathBuf};
+
+use localize::Stamp;
+use localize::math;
+use localize::robot::CameraConfig;
+use vision::config::ImageCheckConfig;
+use vision::image_check::ImageCheck;
+use vision::{GroundMap, Image};
+
+/// A map of an unknown mirror: all pixels to 85 % of the image's half width show ground.
+fn any_map(image: &Image) -> (GroundMap, CameraConfig) {
+    let (width_px, height_px) = (image.width_px, image.height_px);
+    let centre = [width_px as f32 / 2.0, height_px as f32 / 2.0];
+    let reach = 0.85 * centre[0].min(centre[1]);
+    let place = |pixel: usize| {
+        let (column, row) = (pixel % width_px, pixel / width_px);
+        let (du, dv) = (column as f32 - centre[0], row as f32 - centre[1]);
+        let ground = math::hypot(du, dv) < reach;
+        if ground {
+            (-dv / 50.0, -du / 50.0)
+        } else {
+            (f32::NAN, f32::NAN)
+        }
+    };
+    let (x, y) = (0..width_px * height_px).map(place).unzip();
+    let map = GroundMap {
+        width_px,
+        height_px,
+        x,
+        y,
+    };
+    let camera: CameraConfig = toml::from_str(&format!(
+        "width_px = {width_px}\nheight_px = {height_px}\nforward_deg = 90.0\nflipped = false\ncentre_px = [{}, {}]",
+        centre[0], centre[1]
+    ))
+    .expect("a camera");
+    (map, camera)
+}
+
+fn images_in(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return Vec::new();
+    };
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let is_image = |path: &PathBuf| {
+        let extension = path.extension().and_then(|extension| extension.to_str());
+        matches!(extension, Some("png" | "jpg"))
+    };
+    let mut images: Vec<PathBuf> = paths.filter(is_image).collect();
+    images.sort();
+    images
+}
+
+#[test]
+fn photographs_and_traced_images_pass_as_stills_and_as_a_sequence() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let real = root.join("../shared/real");
+    let mut folders = vec![
+        root.join("samples/sequence/frames"),
+        root.join("samples/calibration/frames"),
+    ];
+    for name in ["lab_2016", "half_field_2017", "labelled_Y1", "labelled_Y3"] {
+        folders.push(real.join(name).join("frames"));
+    }
+    for name in ["robot_2a", "robot_7", "robot_8a"] {
+        folders.push(real.join("omnivision").join(name).join("frames"));
+    }
+    let mut checked = 0;
+    for folder in folders {
+        for seconds in [10.0, 0.033] {
+            let mut check: Option<ImageCheck> = None;
+            for (number, path) in images_in(&folder).iter().enumerate().take(40) {
+                let image = Image::load(path).expect("an image");
+                let check = check.get_or_insert_with(|| {
+                    let (map, camera) = any_map(&image);
+                    ImageCheck::new(&map, &camera, ImageCheckConfig::default())
+                });
+                let stamp = Stamp::from_seconds(seconds * number as f64);
+                let fault = check.check(stamp, &image.view());
+                assert_eq!(fault, None, "{}", path.display());
+                checked += 1;
+            }
+        }
+    }
+    println!("{checked} images");
+    assert!(checked >= 40, "{checked} images");
+}

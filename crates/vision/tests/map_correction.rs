@@ -1,0 +1,118 @@
+//! Does the map heal while the robot drives? Line points of a wrong mount, traced pixel by pixel.
+
+mod mount_drive;
+
+use localize::{Field, LocalizeConfig, Localizer};
+use mount_drive::{DriveConfig, Optics, Scored, TrueMount, config_folder, drive};
+use vision::Mount;
+use vision::optics::map_basis::basis_from_profile;
+
+fn field() -> Field {
+    Field::load(&config_folder().join("fields/msl_18x12.toml")).expect("a field")
+}
+
+fn localizer(optics: &Optics, field: &Field, enabled: bool) -> Localizer {
+    let mut config = LocalizeConfig::default();
+    config.map_correction.enabled = enabled;
+    config.matching.viewpoint_height = optics.height;
+    let settings = config.map_correction.clone();
+    let mut localizer = Localizer::new(field, config);
+    let basis = basis_from_profile(&optics.camera, &optics.profile, optics.height, &settings);
+    localizer.set_map_basis(Some(basis.expect("a basis")));
+    localizer
+}
+
+fn run(robot: &str, enabled: bool, config: &DriveConfig) -> Vec<Scored> {
+    let (optics, field) = (Optics::load(robot), field());
+    let mut localizer = localizer(&optics, &field, enabled);
+    drive(&optics, &field, &mut localizer, config)
+}
+
+/// Mirror tilt 0.3° and −0.2°, offset 1 mm, focal length 1 % more than the map says.
+fn wrong() -> TrueMount {
+    TrueMount {
+        mount: Mount {
+            mirror_tilt_deg: [0.3, -0.2],
+            mirror_offset: [0.001, 0.0],
+            ..Mount::default()
+        },
+        focal_scale: 1.01,
+    }
+}
+
+/// Mean position error (metres) and normalised error squared from a time on.
+fn mean_from(scored: &[Scored], from: f64) -> (f32, f32) {
+    let part: Vec<&Scored> = scored
+        .iter()
+        .filter(|image| image.seconds >= from)
+        .collect();
+    let mean = |value: fn(&Scored) -> f32| {
+        part.iter().map(|image| value(image)).sum::<f32>() / part.len() as f32
+    };
+    (
+        mean(|image| image.error.unwrap_or(f32::INFINITY)),
+        mean(|image| image.nees),
+    )
+}
+
+#[test]
+fn an_unknown_mount_is_learned_while_driving() {
+    for robot in ["default.toml", "hyperbolic.toml"] {
+        let config = DriveConfig {
+            seconds: 15.0,
+            mounts: vec![(0.0, wrong())],
+            ..DriveConfig::default()
+        };
+        let (before, _) = mean_from(&run(robot, false, &config), 8.0);
+        let healed = run(robot, true, &config);
+        let (after, nees) = mean_from(&healed, 8.0);
+        assert!(before > 0.025, "{robot}: {before} m without the correction");
+        assert!(after < 0.015, "{robot}: {after} m, {before} m without");
+        assert!(nees < 2.0, "{robot}: {nees}");
+        let (_, nees) = mean_from(&healed, 0.0);
+        assert!(nees < 2.0, "{robot}: {nees} from the start on");
+        assert!(healed.iter().all(|image| !image.lost), "{robot}");
+    }
+}
+
+#[test]
+fn a_knock_is_noticed_and_healed() {
+    let knocked = TrueMount {
+        mount: Mount {
+            mirror_tilt_deg: [0.5, 0.0],
+            ..Mount::default()
+        },
+        focal_scale: 1.0,
+    };
+    let config = DriveConfig {
+        seconds: 25.0,
+        mounts: vec![(0.0, TrueMount::default()), (10.0, knocked)],
+        ..DriveConfig::default()
+    };
+    let scored = run("default.toml", true, &config);
+    let noticed = scored.iter().find(|image| image.knocks > 0);
+    let noticed = noticed.map_or(f64::INFINITY, |image| image.seconds);
+    assert!((10.0..15.0).contains(&noticed), "{noticed} s");
+    assert!(mean_from(&scored, 20.0).0 < 0.02);
+    assert!(scored.iter().filter(|image| image.lost).count() < 30);
+}
+
+#[test]
+fn a_right_map_costs_no_accuracy_and_a_standing_robot_learns_nothing_wrong() {
+    let config = DriveConfig {
+        seconds: 15.0,
+        ..DriveConfig::default()
+    };
+    let (without, _) = mean_from(&run("default.toml", false, &config), 3.0);
+    let (with, nees) = mean_from(&run("default.toml", true, &config), 3.0);
+    assert!(with < without + 0.001, "{with} m, {without} m without");
+    assert!(nees < 2.0, "{nees}");
+    let standing = DriveConfig {
+        seconds: 10.0,
+        speed: 0.0,
+        ..DriveConfig::default()
+    };
+    let scored = run("default.toml", true, &standing);
+    assert!(mean_from(&scored, 1.0).1 < 2.0);
+    assert!(scored.iter().all(|image| image.knocks == 0));
+}

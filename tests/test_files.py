@@ -1,0 +1,195 @@
+"""Damaged files, hostile logs and full disks, at the level of the process."""
+
+import json
+import os
+import resource
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+ROOT = Path(__file__).parent.parent
+PROGRAM = ROOT / "target" / "release" / "mirrorball"
+SCENARIO = ROOT / "config" / "scenarios" / "demo.toml"
+SEQUENCE = ROOT / "samples" / "sequence"
+# Largest memory of a process that reads a hostile file, bytes. An ordinary replay needs about a hundred megabytes.
+MEMORY_MAX = 600e6
+
+
+def run(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([PROGRAM, *map(str, arguments)], capture_output=True, text=True, check=False, **options)
+
+
+def refused(*arguments: object) -> str:
+    """Runs a command that must fail with one message and little memory. Returns the message."""
+    process = subprocess.Popen([PROGRAM, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    with process.stderr as errors:
+        message = errors.read()
+    _, status, used = os_wait(process)
+    assert status == 1, message
+    assert "internal error" not in message
+    assert used.ru_maxrss * 1024 < MEMORY_MAX, f"{used.ru_maxrss} KiB"
+    return message
+
+
+def os_wait(process: subprocess.Popen[str]) -> tuple[int, int, resource.struct_rusage]:
+    pid, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return pid, process.returncode, used
+
+
+def write_log(path: Path, files: dict[str, bytes], messages: list[tuple[str, bytes]], source: Path) -> None:
+    """A log with the metadata of another log, and the given files and messages. Its chunks have no checksum."""
+    with source.open("rb") as file:
+        metadata = next(make_reader(file).iter_metadata()).metadata
+    with path.open("wb") as out:
+        writer = Writer(out, compression=CompressionType.ZSTD, enable_crcs=False, chunk_size=1 << 30)
+        writer.start(profile="mirrorball")
+        writer.add_metadata("mirrorball", dict(metadata))
+        for name, content in files.items():
+            writer.add_attachment(0, 0, name, "", content)
+        channels = {topic: writer.register_channel(topic, "protobuf", 0) for topic, _ in messages}
+        for number, (topic, data) in enumerate(messages):
+            writer.add_message(channels[topic], number, data, number)
+        writer.finish()
+
+
+@pytest.fixture(scope="module")
+def log_files(game: Path) -> dict[str, bytes]:
+    with game.open("rb") as file:
+        return {each.name: each.data for each in make_reader(file).iter_attachments()}
+
+
+def test_chunk_that_unpacks_to_gigabytes_is_refused(game: Path, log_files: dict[str, bytes], tmp_path: Path) -> None:
+    bomb = tmp_path / "bomb.mcap"
+    write_log(bomb, log_files, [("/cycle", bytes(64 << 20))] * 8, game)
+    assert bomb.stat().st_size < 5e6
+    for command in (["replay", bomb], ["replay", bomb, "--export", tmp_path / "export"]):
+        assert "unpacks to" in refused(*command)
+    assert "no readable message" in refused("recover", bomb, "--out", tmp_path / "whole.mcap")
+    assert [path.name for path in tmp_path.iterdir()] == ["bomb.mcap"]
+
+
+def test_message_of_millions_of_empty_reports_is_refused(game: Path, log_files: dict[str, bytes], tmp_path: Path) -> None:
+    bomb = tmp_path / "bomb.mcap"
+    # Field 16 of a cycle, a report without content.
+    write_log(bomb, log_files, [("/cycle", b"\x82\x01\x00" * 2_500_000)], game)
+    assert "fields" in refused("replay", bomb)
+
+
+@pytest.mark.parametrize("target", ["/etc/passwd", "/dev/zero", "../secret.toml"])
+def test_log_cannot_name_a_file_outside_itself(game: Path, log_files: dict[str, bytes], tmp_path: Path, target: str) -> None:
+    log = tmp_path / "game.mcap"
+    robot = log_files["robot.toml"].decode().replace('field = "field.toml"', f'field = "{target}"')
+    assert target in robot
+    write_log(log, {**log_files, "robot.toml": robot.encode()}, [], game)
+    message = refused("replay", log)
+    assert f'field = "{target}" (expected the name of a file in the log)' in message
+    assert "root:" not in message
+
+
+def test_map_of_another_size_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    folder = tmp_path / "recording"
+    shutil.copytree(SEQUENCE, folder)
+    huge = np.zeros((6000, 10000), np.float32)
+    np.savez_compressed(tmp_path / "map.npz", x_m=huge, y_m=huge[:1])
+    with (folder / "robot.toml").open("a") as robot:
+        robot.write('\n[map]\nfile = "../map.npz"\n')
+    assert "wrong shape of x_m: 6000 × 10000" in refused("locate", folder)
+
+
+def test_verifying_a_log_without_a_cycle_fails(game: Path, log_files: dict[str, bytes], tmp_path: Path) -> None:
+    log = tmp_path / "empty.mcap"
+    write_log(log, log_files, [], game)
+    done = run("replay", log, "--verify", "--json")
+    assert done.returncode == 1 and "nothing is verified" in done.stderr
+    assert json.loads(done.stdout)["verified"]["identical"] is False
+
+
+def limit_files(size: int) -> None:
+    """Files of this process and its children end at that size, with an error as on a full disk."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (["calibrate", "mask", SEQUENCE, "--out"], "mask.png"),
+        (["calibrate", "lines", SEQUENCE, "--out"], "map.npz"),
+        (["locate", SEQUENCE, "--out"], "poses.csv"),
+        (["recover", "GAME", "--out"], "whole.mcap"),
+    ],
+)
+def test_full_disk_leaves_the_earlier_output_and_no_part(game: Path, tmp_path: Path, command: list[object], name: str) -> None:
+    out = tmp_path / name
+    out.write_text("of an earlier run")
+    arguments = [game if each == "GAME" else each for each in command]
+    done = run(*arguments, out, preexec_fn=lambda: limit_files(200), restore_signals=False)
+    assert done.returncode == 1, done.stdout
+    assert f"{name}" in done.stderr
+    assert out.read_text() == "of an earlier run"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_log_after_a_full_disk_takes_a_free_name_and_says_what_it_continues(tmp_path: Path) -> None:
+    robot, log, earlier = tmp_path / "robot", tmp_path / "game.mcap", tmp_path / "game.2.mcap"
+    earlier.write_text("of an earlier run")
+    with socket.socket(type=socket.SOCK_DGRAM) as states:
+        states.bind(("127.0.0.1", 0))
+        states.settimeout(30)
+        network = tmp_path / "outputs.toml"
+        network.write_text(f'[[outputs]]\nto = "127.0.0.1:{states.getsockname()[1]}"\nformat = "json"\n')
+        sim = subprocess.Popen(
+            [PROGRAM, "sim", SCENARIO, "--hardware", robot, "--duration", "60"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        until = time.monotonic() + 30
+        while not (robot / "hardware.toml").exists():
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        play = subprocess.Popen(
+            [PROGRAM, "run", "--robot", robot, "--record", log, "--network", network, "--json"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            restore_signals=False,
+            preexec_fn=lambda: signal.signal(signal.SIGXFSZ, signal.SIG_IGN),
+        )
+        _, hard = resource.prlimit(play.pid, resource.RLIMIT_FSIZE)
+        for _ in range(60):
+            states.recv(65535)
+        resource.prlimit(play.pid, resource.RLIMIT_FSIZE, (1000, hard))
+        for _ in range(60):
+            states.recv(65535)
+        resource.prlimit(play.pid, resource.RLIMIT_FSIZE, (hard, hard))
+        until = time.monotonic() + 60
+        while not (tmp_path / "game.3.mcap").exists() or (tmp_path / "game.3.mcap").stat().st_size < 10_000:
+            assert time.monotonic() < until
+            states.recv(65535)
+        for _ in range(60):
+            states.recv(65535)
+        play.send_signal(signal.SIGTERM)
+        out, err = play.communicate(timeout=60)
+        sim.terminate()
+        sim.wait(30)
+    assert play.returncode == 0, err
+    assert earlier.read_text() == "of an earlier run"
+    summary = json.loads(out)["log"]
+    assert [Path(file).name for file in summary["files"]] == ["game.mcap", "game.3.mcap"]
+    assert summary["cycles_dropped"] > 0
+    done = run("replay", tmp_path / "game.3.mcap", "--verify", "--json")
+    assert done.returncode == 1 and "it continues game.mcap after a full disk" in done.stderr
+    verified = json.loads(done.stdout)["verified"]
+    assert (verified["identical"], verified["cycles"], verified["different"]) == (False, 0, 0)
+    assert verified["unverified"] > 0

@@ -1,0 +1,98 @@
+"""Wrong set-ups are named, right ones are not doubted."""
+
+import csv
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from setup_mistakes import MISTAKES, make_folder
+
+ROOT = Path(__file__).parents[1]
+PROGRAM = ROOT / "target/release/mirrorball"
+RIGHT = ROOT / "samples/sequence"
+
+# What a warning and the doctor's edit must contain.
+EDITS = {
+    "small_field": "msl_18x12.toml",
+    "narrow_field": "width = 12",
+    "not_flipped": "flipped = true",
+    "forward_right": "forward_deg = 90",
+    "compass_degrees": "compass.csv: convert heading_rad from degrees",
+    "stamps_milliseconds": "frames.csv: convert stamp_s from milliseconds",
+    "turns_degrees": "odometry.csv: convert dtheta_rad from degrees",
+    "centre_off": "centre_px = [2",
+}
+
+
+def run(*arguments: str | Path) -> tuple[dict[str, Any], str]:
+    """The JSON result and what went to standard error."""
+    command = [str(PROGRAM), *map(str, arguments), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
+    return json.loads(done.stdout), done.stderr
+
+
+def poses(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_right_recording_has_no_warning_and_no_suggestion(tmp_path: Path) -> None:
+    result, errors = run("locate", RIGHT, "--out", tmp_path / "poses.csv")
+    assert result["warnings"] == [] and "warning" not in errors
+    assert result["setup"]["on_markings"] > 0.95 and result["tracking"] >= 18
+    found, _ = run("doctor", "--recording", RIGHT)
+    assert found["suggestions"] == [] and found["warnings"] == []
+
+
+def test_poses_have_the_fit_in_columns_at_the_end(tmp_path: Path) -> None:
+    run("locate", RIGHT, "--out", tmp_path / "poses.csv")
+    rows = poses(tmp_path / "poses.csv")
+    assert list(rows[0])[9:] == ["reason", "on_markings", "residual_m", "markings_seen", "wheels_agree", "compass_agrees"]
+    assert float(rows[-1]["on_markings"]) > 0.9 and float(rows[-1]["markings_seen"]) > 0.7
+    assert float(rows[-1]["residual_m"]) < 0.05
+
+
+def test_every_mistake_has_an_expected_edit() -> None:
+    assert EDITS.keys() == MISTAKES.keys()
+
+
+@pytest.mark.parametrize("mistake", list(MISTAKES))
+def test_locate_warns_of_a_mistake_and_no_pose_is_confidently_wrong(mistake: str, tmp_path: Path) -> None:
+    folder = make_folder(RIGHT, mistake, tmp_path / mistake)
+    result, errors = run("locate", folder, "--out", tmp_path / "poses.csv")
+    assert any(EDITS[mistake] in warning for warning in result["warnings"]), result["warnings"]
+    assert EDITS[mistake] in errors
+    rows = [row for row in poses(tmp_path / "poses.csv") if row["x_m"]]
+    if mistake in {"small_field", "narrow_field", "not_flipped", "forward_right", "centre_off"}:
+        assert not any(row["mode"] == "tracking" for row in rows)
+        assert all(row["reason"] == "doubtful set-up" for row in rows)
+        assert all(max(float(row["std_x_m"]), float(row["std_y_m"])) > 0.05 for row in rows)
+    elif mistake == "turns_degrees":
+        # Without the table in the wrong unit the poses are right. Without a compass the half is unknown.
+        assert result["position_error_m"]["max"] < 0.1
+
+
+@pytest.mark.parametrize("mistake", ["small_field"])
+def test_doctor_names_the_edit_first(mistake: str, tmp_path: Path) -> None:
+    folder = make_folder(RIGHT, mistake, tmp_path / mistake)
+    found, _ = run("doctor", "--recording", folder)
+    first = found["suggestions"][0]
+    assert EDITS[mistake] in first["change"], found["suggestions"]
+    assert first["fit_after"] > 0.9 > first["fit_before"] + 0.2
+
+
+def test_two_mistakes_are_both_named(tmp_path: Path) -> None:
+    folder = make_folder(RIGHT, "narrow_field", tmp_path / "both")
+    MISTAKES["not_flipped"](folder)
+    found, _ = run("doctor", "--recording", folder)
+    changes = " | ".join(one["change"] for one in found["suggestions"])
+    assert "width = 12" in changes and "flipped = true" in changes
+
+
+def test_simulated_game_has_no_warning() -> None:
+    scenario = ROOT / "config/scenarios/tracks_18x12.toml"
+    result, _ = run("sim", scenario, "--duration", "6")
+    assert result["warnings"] == []
