@@ -1,5 +1,5 @@
 //! Where could a ball lie? A grid of places in steps of two thirds of a ball's radius, judged in three steps: something
-//! else than carpet with carpet around it, the coarse network, the convolution network.
+//! else than carpet with carpet before it, the coarse network, the convolution network.
 //!
 //! The ball's colour plays no part.
 
@@ -12,8 +12,8 @@ use crate::config::ObjectConfig;
 use crate::image::ImageView;
 use crate::objects::network::{NETWORKS, logistic};
 use crate::objects::patch::{
-    BallAngles, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, normalize_coarse_patch,
-    normalize_patch, read_coarse_patch, read_patch,
+    BallAngles, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, floor_pixels,
+    normalize_coarse_patch, normalize_patch, read_coarse_patch, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
@@ -23,11 +23,8 @@ const GRID_STEP: f32 = 0.7;
 /// Distances of a ball, metres: nearer ones touch the robot, farther ones are a few pixels wide.
 const RANGE_MIN: f32 = 0.3;
 const RANGE_MAX: f32 = 6.5;
-/// Places around a ball that must show carpet, on an ellipse of this many radii.
-const SURROUND: usize = 8;
-const SURROUND_RADII: f32 = 1.9;
-/// Fewest of them that are carpet; a robot, a line or the carpet's edge may take the others.
-const SURROUND_CARPET_MIN: usize = 2;
+/// Fewest samples of the floor before and beside a ball that are carpet; a robot, a line or the own body may take others.
+const FLOOR_CARPET_MIN: usize = 3;
 /// Candidates whose pixels the convolution network judges.
 const CANDIDATES_MAX: usize = 12;
 /// Two candidates nearer than this are one, ball radii.
@@ -39,9 +36,7 @@ struct GridPlace {
     view_angle: f32,
     azimuth: f32,
     ball: BallAngles,
-    /// Index of the pixel, and those around it.
     pixel: [u16; 2],
-    surround: [[u16; 2]; SURROUND],
     coarse: CoarsePixels,
 }
 
@@ -92,20 +87,12 @@ impl BallGrid {
                 if !is_visible(usize::from(pixel[0]), usize::from(pixel[1])) {
                     continue;
                 }
-                let surround = std::array::from_fn(|index| {
-                    let (sin, cos) = math::sin_cos(TAU * index as f32 / SURROUND as f32);
-                    let away = SURROUND_RADII * ball.half_height * sin;
-                    let aside = SURROUND_RADII * ball.half_width * cos;
-                    // Outside the image the place itself stands in: it is not carpet.
-                    inside(angles.position_px(view_angle + away, azimuth + aside)).unwrap_or(pixel)
-                });
                 let frame = PatchFrame::ball(view_angle, azimuth, ball);
                 places.push(GridPlace {
                     view_angle,
                     azimuth,
                     ball,
                     pixel,
-                    surround,
                     coarse: coarse_pixels(angles, &frame, size_px),
                 });
             }
@@ -133,8 +120,8 @@ impl BallGrid {
             if is_carpet(place.pixel) {
                 continue;
             }
-            let carpet = place.surround.iter().filter(|&&pixel| is_carpet(pixel));
-            if carpet.count() < SURROUND_CARPET_MIN {
+            let floor = floor_pixels(&place.coarse);
+            if floor.filter(|&pixel| is_carpet(pixel)).count() < FLOOR_CARPET_MIN {
                 continue;
             }
             let colours = read_coarse_patch(image, &place.coarse);

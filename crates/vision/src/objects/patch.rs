@@ -187,6 +187,17 @@ pub(crate) fn coarse_pixels(
     pixels
 }
 
+/// Pixels of the floor before a ball, inside the image.
+pub(crate) fn floor_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> + '_ {
+    let side = COARSE.len();
+    let is_floor =
+        move |index: usize| PatchKind::Ball.is_floor(COARSE[index / side], COARSE[index % side]);
+    let places = pixels.iter().enumerate();
+    places
+        .filter(move |&(index, &pixel)| is_floor(index) && pixel != OUTSIDE)
+        .map(|(_, &pixel)| pixel)
+}
+
 /// Reads a coarse patch.
 pub(crate) fn read_coarse_patch(
     image: &ImageView<'_>,
