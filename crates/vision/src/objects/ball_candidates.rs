@@ -26,7 +26,7 @@ const RANGE_MAX: f32 = 6.5;
 /// Fewest samples of the floor before and beside a ball that are carpet; a robot, a line or the own body may take others.
 const FLOOR_CARPET_MIN: usize = 3;
 /// Candidates whose pixels the convolution network judges.
-const CANDIDATES_MAX: usize = 12;
+const CANDIDATES_MAX: usize = 18;
 /// Two candidates nearer than this are one, ball radii.
 const SEPARATION: f32 = 1.5;
 

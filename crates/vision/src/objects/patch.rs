@@ -315,3 +315,50 @@ fn median_logarithm(levels: &mut [u8]) -> f32 {
     };
     (logarithm(lower) + logarithm(upper)) / 2.0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disc of one colour on a floor of another.
+    fn disc(floor: [u8; 3], ball: [u8; 3]) -> PatchColours {
+        std::array::from_fn(|index| {
+            let [row, column] = [index / SIDE, index % SIDE].map(|at| at as f32 - 5.5);
+            Some(if row * row + column * column < 7.0 {
+                ball
+            } else {
+                floor
+            })
+        })
+    }
+
+    #[test]
+    fn normalized_patch_does_not_depend_on_exposure_and_colour_cast() {
+        let plain = normalize_patch(PatchKind::Ball, &disc([40, 80, 60], [100, 90, 50]));
+        let cast = normalize_patch(PatchKind::Ball, &disc([80, 40, 90], [200, 45, 75]));
+        for (index, (plain, cast)) in plain.iter().zip(cast).enumerate() {
+            // The offset of the logarithm and rounding leave a little.
+            assert!((plain - cast).abs() < 0.35, "{index}: {plain} {cast}");
+        }
+        assert!(plain[0].abs() < 1e-6 && plain[SAMPLES / 2 + SIDE / 2] > 0.1);
+    }
+
+    #[test]
+    fn samples_outside_the_image_do_not_count_as_obstacle() {
+        let mut colours = disc([40, 80, 60], [10, 10, 10]);
+        colours[SAMPLES - SIDE..].fill(None);
+        let input = normalize_patch(PatchKind::Obstacle, &colours);
+        assert!(
+            input[SAMPLES - SIDE..SAMPLES]
+                .iter()
+                .all(|&value| value == 0.0)
+        );
+    }
+
+    #[test]
+    fn median_of_levels_is_that_of_their_logarithms() {
+        let mean = (logarithm(20) + logarithm(30)) / 2.0;
+        assert!((median_logarithm(&mut [50, 10, 30, 20]) - mean).abs() < 1e-6);
+        assert!((median_logarithm(&mut [50, 10, 30]) - logarithm(30)).abs() < 1e-6);
+    }
+}
