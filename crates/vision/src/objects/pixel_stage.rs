@@ -1,4 +1,4 @@
-//! The second stage: which candidates are balls, robots and people, judged by their pixels (docs/methods.md 4.8).
+//! The second stage: which candidates are balls, robots and people, judged by their pixels (docs/methods.md 4.9).
 //!
 //! Candidates come from grids that know no colour, and from the detectors of the ball's colour and of the carpet's end.
 

@@ -35,6 +35,25 @@ pub(crate) struct ViewAngles {
     radius_px: Vec<f32>,
 }
 
+/// Radii along one azimuth, between two of the table.
+pub(crate) struct Ray<'a> {
+    before: &'a [f32],
+    after: &'a [f32],
+    across: f32,
+}
+
+impl Ray<'_> {
+    /// Radius in pixels at a view angle; NaN if the image does not show it.
+    pub(crate) fn radius_px(&self, view_angle: f32) -> f32 {
+        let place = (view_angle - ANGLE_FIRST) / ANGLE_STEP;
+        let place = place.clamp(0.0, ANGLES as f32 - 1.001);
+        let (lower, part) = (place as usize, place.fract());
+        let along = |radii: &[f32]| radii[lower] + part * (radii[lower + 1] - radii[lower]);
+        let (before, after) = (along(self.before), along(self.after));
+        before + self.across * (after - before)
+    }
+}
+
 impl ViewAngles {
     pub(crate) fn new(map: &GroundMap, centre_px: [f32; 2], height: f32) -> Self {
         let mut radius_px = Vec::with_capacity(AZIMUTHS * ANGLES);
@@ -49,20 +68,22 @@ impl ViewAngles {
         }
     }
 
-    /// Radius in pixels of a direction; NaN if the image does not show it.
-    pub(crate) fn radius_px(&self, view_angle: f32, azimuth: f32) -> f32 {
-        let place = (view_angle - ANGLE_FIRST) / ANGLE_STEP;
-        let place = place.clamp(0.0, ANGLES as f32 - 1.001);
-        let (lower, part) = (place as usize, place.fract());
+    /// The radii along one azimuth.
+    pub(crate) fn ray(&self, azimuth: f32) -> Ray<'_> {
         let turns = (azimuth / TAU).rem_euclid(1.0) * AZIMUTHS as f32;
         let (before, across) = (turns as usize % AZIMUTHS, turns.fract());
         let after = (before + 1) % AZIMUTHS;
-        let along = |azimuth: usize| {
-            let at = azimuth * ANGLES + lower;
-            self.radius_px[at] + part * (self.radius_px[at + 1] - self.radius_px[at])
-        };
-        let (before, after) = (along(before), along(after));
-        before + across * (after - before)
+        let radii = |azimuth: usize| &self.radius_px[azimuth * ANGLES..(azimuth + 1) * ANGLES];
+        Ray {
+            before: radii(before),
+            after: radii(after),
+            across,
+        }
+    }
+
+    /// Radius in pixels of a direction; NaN if the image does not show it.
+    pub(crate) fn radius_px(&self, view_angle: f32, azimuth: f32) -> f32 {
+        self.ray(azimuth).radius_px(view_angle)
     }
 
     /// Image position of a direction: column and row, pixels; NaN if the image does not show it.
