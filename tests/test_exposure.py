@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -44,29 +45,31 @@ def brightness(path: Path) -> float:
 def test_brightness_recovers_and_nobody_is_lost_when_the_light_changes(tmp_path: Path, states: StateOutput) -> None:  # noqa: F811
     robot, log, truth_path = tmp_path / "robot", tmp_path / "light.mcap", tmp_path / "truth.csv"
     sim = hardware(robot, "--own-path", "--truth", truth_path, scenario=scenario(tmp_path))
-    files = ["--record", log, "--images", "png", "--out", tmp_path / "poses.csv", "--network", states.network]
+    files = ["--record", log, "--images", "jpeg", "--out", tmp_path / "poses.csv", "--network", states.network]
     run = start("run", "--robot", robot, *files, "--json")
 
-    def simulated_images() -> list[float]:
-        """Stamps of the images that were simulated, one for each 1/30 s of simulated time."""
-        lines = truth_path.read_text().splitlines()[1:-1] if truth_path.exists() else []
-        return [float(line.split(",")[0]) for line in lines]
-
-    while len(simulated_images()) < CHANGES_S[-1][2] * FRAME_RATE_HZ:
-        states.wait(30)
+    # Each state is of another image, and simulated time waits for a slow machine.
+    for _ in range(round(CHANGES_S[-1][2])):
+        states.wait(round(FRAME_RATE_HZ))
     run.send_signal(signal.SIGTERM)
     report = ended(run)
     sim.send_signal(signal.SIGTERM)
     ended(sim)
+    if report["log"]["images_dropped"] > report["frames"] / 10:
+        pytest.skip("the machine is too slow to record the images")
     ended(start("replay", log, "--export", tmp_path / "recording", "--json"))
     with (tmp_path / "recording" / "frames.csv").open() as file:
         images = [(float(row["stamp_s"]), row["file"]) for row in csv.DictReader(file)]
-    stamps = simulated_images()
+    with truth_path.open() as file:
+        # One for each simulated image.
+        stamps = [float(row["stamp_s"]) for row in csv.DictReader(file)]
+    first_change = stamps[round(CHANGES_S[0][0] * FRAME_RATE_HZ)]
+    before = [file for stamp, file in images if stamp < first_change][-1]
+    # Of the light before all changes: each one may leave a rest, but the rests must not add up.
+    reference = brightness(tmp_path / "recording" / before)
     for begin, end, until in CHANGES_S:
         at = [stamps[round(time * FRAME_RATE_HZ)] for time in (begin, end, until)]
-        before = [file for stamp, file in images if stamp < at[0]][-1]
         after = [file for stamp, file in images if at[1] <= stamp < at[2]][RECOVERY_IMAGES:]
-        reference = brightness(tmp_path / "recording" / before)
         changes = [brightness(tmp_path / "recording" / file) / reference for file in after[::4]]
         assert len(changes) > 5
         assert all(abs(math.log(change)) < math.log(RECOVERY_FACTOR) for change in changes), (begin, changes)
@@ -74,6 +77,5 @@ def test_brightness_recovers_and_nobody_is_lost_when_the_light_changes(tmp_path:
         modes = [row["mode"] for row in csv.DictReader(file)]
     found = modes.index("tracking")
     assert "lost" not in modes[found:] and report["frames"] > 100, report
-    # What the log says about exposure is what the camera reported: the images verify.
     verified = ended(start("replay", log, "--verify", "--json"))["verified"]
     assert verified["identical"] and verified["cycles"] > 10, verified

@@ -47,7 +47,7 @@ fn main() {
             for tilt in [0.0, 0.45, 1.0] {
                 let mut line = format!("odo {odometry:4} tilt {tilt:4}:");
                 for points in [0.5, 1.0, 2.0] {
-                    let score = run(&cell(odometry, tilt, points));
+                    let score = run(&RoughDriveConfig::cell(odometry, tilt, points));
                     low = low.min(score.nees);
                     high = high.max(score.nees);
                     outside += usize::from(!(0.7..=1.4).contains(&score.nees));
@@ -90,73 +90,6 @@ fn main() {
         }
     };
     let base = RoughDriveConfig::default();
-    if let Some(cell_text) = part.strip_prefix("cell:") {
-        let values: Vec<f64> = cell_text
-            .split(',')
-            .filter_map(|text| text.parse().ok())
-            .collect();
-        print(cell_text, run(&cell(values[0], values[1], values[2])));
-        return;
-    }
-    if let Some(cell_text) = part.strip_prefix("trace:") {
-        let values: Vec<f64> = cell_text
-            .split(',')
-            .filter_map(|text| text.parse().ok())
-            .collect();
-        let drive = cell(values[0], values[1], values[2]);
-        use rand::SeedableRng;
-        for seed in 0..seeds {
-            let rng = rand::rngs::Xoshiro256PlusPlus::seed_from_u64(seed + 7_000_000);
-            let mut localizer = Localizer::new(&field, config.clone());
-            for sample in
-                localize::synthetic::rough_drive::RoughDrive::new(&field, drive.clone(), rng)
-                    .take((30.0 * seconds) as usize)
-            {
-                localizer.add_odometry(&sample.odometry);
-                localizer.add_compass(&sample.compass);
-                let e = localizer.process_points(sample.stamp, &sample.points);
-                let Some(pose) = e.pose else { continue };
-                let off = pose.difference(sample.true_pose);
-                let n = e
-                    .covariance
-                    .try_inverse()
-                    .map_or(0.0, |i| off.dot(&(i * off)) / 3.0);
-                if std::env::var("DBG").is_ok() {
-                    eprintln!(
-                        "t {:.2} off {:.4} {:.4} nees {n:.1} tilt {:.2?} {:?}",
-                        sample.stamp.0 as f64 * 1e-9,
-                        off[0],
-                        off[1],
-                        e.tilt.map(f32::to_degrees),
-                        e.reason
-                    );
-                }
-                if n > 5.0 {
-                    println!(
-                        "seed {seed} t {:.2} true ({:.2} {:.2} {:.2}) off {:.3} {:.3} {:.2} deg std {:.4} {:.4} {:.3} nees {n:.1} n {} inl {:.2} res {:.4} tilt {:.2?} {:?} {:?} runners {}",
-                        sample.stamp.0 as f64 * 1e-9,
-                        sample.true_pose.x,
-                        sample.true_pose.y,
-                        sample.true_pose.theta,
-                        off[0],
-                        off[1],
-                        off[2].to_degrees(),
-                        e.covariance[(0, 0)].sqrt(),
-                        e.covariance[(1, 1)].sqrt(),
-                        e.covariance[(2, 2)].sqrt().to_degrees(),
-                        e.line_points,
-                        e.inlier_share,
-                        e.residual,
-                        e.tilt.map(f32::to_degrees),
-                        e.mode,
-                        e.reason,
-                        e.runners_up.len()
-                    );
-                }
-            }
-        }
-        return;
-    }
     if part.is_empty() || part.contains("base") {
         print("113 points", run(&base));
         let with = |edit: &dyn Fn(&mut RoughDriveConfig)| {
@@ -195,18 +128,10 @@ fn main() {
         print("map error 2 cm at 5 m", run(&drive));
     }
     if part.is_empty() || part.contains("blind") {
-        let mut drive = base.clone();
-        drive.wheels.radius_ratio = [1.03, 1.02, 1.04];
-        drive.wheels.scale = 1.0;
-        drive.wheels.white_share = 0.02;
-        drive.wheels.white_position = 0.0005;
-        drive.wheels.white_heading = 0.0005;
-        drive.blind = Some((8.0, 2.0));
+        let mut drive = RoughDriveConfig::blind_with_unequal_wheels();
         print("blind 2 s of 8, 2 % noise", run(&drive));
-        drive.dazzled_share = 0.87;
-        print("the same, dazzled", run(&drive));
         drive.wheels.white_share = 0.08;
-        print("dazzled, 8 % noise", run(&drive));
+        print("the same, 8 % noise", run(&drive));
         drive = base.clone();
         drive.blind = Some((40.0, 30.0));
         for preset in ["default", "minho2016", "nubot2013"] {
@@ -238,17 +163,6 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
             }
         }
     }
-}
-
-/// One cell of the grid.
-fn cell(odometry: f64, tilt_deg: f64, points: f64) -> RoughDriveConfig {
-    let mut drive = RoughDriveConfig::default();
-    drive.wheels.white_share *= odometry;
-    drive.wheels.white_position *= odometry;
-    drive.wheels.white_heading *= odometry;
-    drive.points.tilt_std_deg = tilt_deg;
-    drive.points.std_factor = points;
-    drive
 }
 
 #[expect(clippy::disallowed_methods, reason = "an experiment measures time")]

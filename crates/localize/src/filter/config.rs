@@ -47,8 +47,8 @@ pub struct FilterConfig {
     pub odometry_coupling_std: f32,
     /// Random walk of the scales, per square root of a second (carpet direction, wear, load).
     pub odometry_scale_drift: f32,
-    /// Initial standard deviation of the logarithm of each wheel noise variance (docs/methods.md 8.8): 1.2 stands for a
-    /// factor of 2 in the noise. 0 keeps the configured noise.
+    /// Initial standard deviation of the logarithm of each wheel noise variance (docs/methods.md 8.8): 0.8 stands for a
+    /// factor of 1.5 in the noise. 0 keeps the configured noise.
     pub noise_learning_std: f32,
     /// Random walk of the velocity without an inertial unit, m/s per square root of a second. Large, so that the wheels
     /// determine the velocity.
@@ -98,7 +98,7 @@ impl Default for FilterConfig {
             odometry_scale_std: 0.05,
             odometry_coupling_std: 0.02,
             odometry_scale_drift: 0.0005,
-            noise_learning_std: 1.2,
+            noise_learning_std: 0.8,
             velocity_process_noise: 10.0,
             yaw_rate_process_noise: 20.0,
             gyro_noise_deg: 0.06,

@@ -147,6 +147,10 @@ pub(crate) type Vector5 = SVector<f32, PARAMETERS>;
 pub(crate) const UNINFORMATIVE_PRIOR: Matrix3<f32> =
     Matrix3::new(1e-3, 0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.1);
 
+/// Variance of a matched pose over that of independent residuals: a point is compared with the nearest marking, which is
+/// not always its own, so that residuals understate errors (measured on synthetic drives, docs/methods.md 5.6).
+const NEAREST_MARKING_SCALE: f32 = 1.15;
+
 /// Sums over the points at one pose.
 struct NormalEquations {
     normal: NormalMatrix,
@@ -494,7 +498,7 @@ impl Matcher {
         let scale = ((observed_scale * weight + expected_scale * stated_weight)
             / (weight + stated_weight))
             .clamp(0.1, 25.0);
-        let normal = sums.normal / scale + self.prior.information;
+        let normal = sums.normal / (scale * NEAREST_MARKING_SCALE) + self.prior.information;
         let pose_tilt = normal.try_inverse().unwrap_or_else(|| {
             let information = self.uninformative_prior().diagonal();
             Matrix5::from_diagonal(&information.map(|value| 1.0 / value))

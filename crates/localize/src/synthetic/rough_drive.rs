@@ -113,6 +113,36 @@ impl Default for RoughDriveConfig {
     }
 }
 
+impl RoughDriveConfig {
+    /// The default drive with the wheels' errors and the points' errors times a factor, and a tilt from image to image.
+    pub fn cell(wheels: f64, tilt_std_deg: f64, points: f64) -> Self {
+        let mut drive = RoughDriveConfig::default();
+        drive.wheels.white_share *= wheels;
+        drive.wheels.white_position *= wheels;
+        drive.wheels.white_heading *= wheels;
+        drive.points.tilt_std_deg = tilt_std_deg;
+        drive.points.std_factor = points;
+        drive
+    }
+
+    /// Blind for two seconds in every eight, then three images of outliers, with wheels of unequal radius and an error of
+    /// 2 %: more would not allow 2 cm after two seconds.
+    pub fn blind_with_unequal_wheels() -> Self {
+        let mut drive = RoughDriveConfig::default();
+        drive.wheels = WheelErrors {
+            scale: 1.0,
+            radius_ratio: [1.03, 1.02, 1.04],
+            white_share: 0.02,
+            white_position: 0.0005,
+            white_heading: 0.0005,
+            slow_share: 0.0,
+        };
+        drive.blind = Some((8.0, 2.0));
+        drive.dazzled_share = 0.87;
+        drive
+    }
+}
+
 /// Distance of the wheels from the robot's centre, metres.
 const BASE_RADIUS: f64 = 0.22;
 /// Height of the mirror above the ground, metres.

@@ -603,7 +603,7 @@ pub const RENAMED_VALUES: &[(&str, &str, &str)] =
     &[("localize.matching.minimiser", "newton", "gauss_newton")];
 
 /// Settings that no longer exist, and what replaced them.
-pub const REMOVED_KEYS: &[(&str, &str)] = &[
+const REMOVED_KEYS: &[(&str, &str)] = &[
     ("localize.filter.noise_learning", NOISE_LEARNING),
     ("localize.filter.noise_adaptation_rate", NOISE_LEARNING),
     ("localize.filter.sight_std", REPEATED_ERRORS),

@@ -482,6 +482,8 @@ impl GroundTruthScene<'_> {
 
 #[cfg(test)]
 mod tests {
+    use vision::objects::robots::ObstacleKind;
+
     use super::*;
 
     fn robot(x: f32, std: f32) -> RobotDetection {
@@ -493,6 +495,7 @@ mod tests {
             marker: None,
             score: 1.0,
             position_px: [0.0, 0.0],
+            kind: ObstacleKind::Robot,
         }
     }
 

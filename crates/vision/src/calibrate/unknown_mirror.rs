@@ -20,7 +20,6 @@ use crate::calibrate::radial_model::{PixelPoint, RadialModel};
 use crate::calibrate::rim::{Rim, find_rim};
 use crate::config::VisionConfig;
 use crate::image::Image;
-use crate::optics::ground_map::GroundMap;
 
 /// A camera and its map, found without prior knowledge.
 #[derive(Debug, Clone)]
@@ -184,11 +183,11 @@ fn search_images(
     })
 }
 
-/// Keeps the origin of the robot frame below the mirror's axis, where the radial model has it.
+/// Puts the origin of the robot frame where the mirror's centre is, with forward up.
 ///
 /// Markings and free poses do not determine the frame: the joint fit may shift and rotate it by centimetres.
-fn fix_robot_frame(calibration: &mut LinesCalibration, start: &GroundMap) {
-    let transform = PlanarTransform::between(&calibration.map, start);
+fn fix_robot_frame(calibration: &mut LinesCalibration, rim_camera: &CameraConfig) {
+    let transform = PlanarTransform::to_mirror_centre(&calibration.map, rim_camera);
     transform.apply_to_map(&mut calibration.map);
     for pose in calibration.poses.iter_mut().flatten() {
         *pose = transform.apply_to_pose(*pose);
@@ -240,6 +239,7 @@ impl Attempt<'_> {
         let step = |done: f32| progress(0.1 + 0.6 * done);
         let ranked = self.rank_models(&chosen, field, REFINED, &step);
         let model = self.fit_all(field, decide(&ranked)?);
+        let rim_camera = camera;
         let camera = CameraConfig {
             centre_px: model.centre_px(camera),
             ..camera.clone()
@@ -251,7 +251,7 @@ impl Attempt<'_> {
         let disagreement =
             compare_halves(&camera, &start, field, images, vision_config, &calibration);
         progress(0.9);
-        fix_robot_frame(&mut calibration, &start);
+        fix_robot_frame(&mut calibration, rim_camera);
         Ok(UnknownMirror {
             camera,
             rim,

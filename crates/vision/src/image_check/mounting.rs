@@ -6,24 +6,27 @@ use localize::math;
 use localize::robot::CameraConfig;
 
 /// Angles and radii at which an image is read; a quarter turn is a whole number of angles.
-const ANGLES: usize = 96;
-const RADII: [f32; 6] = [0.16, 0.24, 0.34, 0.46, 0.6, 0.76];
+const ANGLES: usize = 240;
+const RADII: usize = 14;
+/// The first and last radius, shares of the mirror's.
+const RADIUS_RANGE: [f32; 2] = [0.14, 0.9];
 /// Images over which a sample's mean and variance are remembered.
 const MEMORY: f32 = 60.0;
 /// Images of a moving robot before the memory is trusted.
 const IMAGES_MIN: u32 = 60;
 /// Standard deviation of a sample that does not move, at most, brightness levels.
-const STATIC_STD: f32 = 7.0;
+const STATIC_STD: f32 = 12.0;
 /// Standard deviation of the median sample while the robot moves, at least.
 const MOVING_STD: f32 = 9.0;
-/// Fewest static samples that differ from the mean of their radius.
-const LANDMARKS_MIN: usize = 12;
-/// Difference from the mean of its radius at which a static sample is a landmark, brightness levels.
-const LANDMARK_CONTRAST: f32 = 25.0;
-/// Largest difference of one landmark, brightness levels.
+/// Fewest static samples that differ from the median of their radius.
+const LANDMARKS_MIN: usize = 10;
+/// Difference from the median of its radius at which a static sample is a landmark, brightness levels.
+const LANDMARK_CONTRAST: f32 = 20.0;
+/// Largest difference of one landmark, and difference that noise explains, brightness levels.
 const DIFFERENCE_MAX: f32 = 60.0;
+const DIFFERENCE_NOISE: f32 = 6.0;
 /// A turn is believed if landmarks differ by this factor less after it than without it, in this number of images.
-const RATIO_MIN: f32 = 2.5;
+const RATIO_MIN: f32 = 2.0;
 const CONFIRMATIONS: u32 = 6;
 
 /// What stays in place in the images of one camera.
@@ -42,10 +45,12 @@ impl MountingCheck {
         let [u, v] = camera.centre_px;
         let side = map.width_px.min(map.height_px) as f32;
         let outer = camera.outer_radius_px.unwrap_or(side / 2.0);
-        let pixels = (0..ANGLES * RADII.len())
+        let pixels = (0..ANGLES * RADII)
             .map(|index| {
                 let angle = std::f32::consts::TAU * (index % ANGLES) as f32 / ANGLES as f32;
-                let radius = outer * RADII[index / ANGLES];
+                let part = (index / ANGLES) as f32 / (RADII - 1) as f32;
+                let [near, far] = RADIUS_RANGE;
+                let radius = outer * (near + part * (far - near));
                 let (sin, cos) = math::sin_cos(angle);
                 let at = [u + radius * cos, v - radius * sin].map(f32::round);
                 let inside = (0.0..map.width_px as f32).contains(&at[0])
@@ -55,9 +60,9 @@ impl MountingCheck {
             .collect();
         MountingCheck {
             pixels,
-            mean: vec![0.0; ANGLES * RADII.len()],
-            variance: vec![0.0; ANGLES * RADII.len()],
-            levels: vec![0.0; ANGLES * RADII.len()],
+            mean: vec![0.0; ANGLES * RADII],
+            variance: vec![0.0; ANGLES * RADII],
+            levels: vec![0.0; ANGLES * RADII],
             images: 0,
             suspect: (0, 0),
         }
@@ -131,13 +136,15 @@ impl MountingCheck {
                 .iter()
                 .map(|&index| {
                     let (ring, angle) = (index / ANGLES, index % ANGLES);
-                    let turned = ring * ANGLES + (angle + quarter * ANGLES / 4) % ANGLES;
-                    match self.pixels[turned] {
-                        Some(_) => (self.levels[turned] - self.mean[index])
-                            .abs()
-                            .min(DIFFERENCE_MAX),
-                        None => DIFFERENCE_MAX,
-                    }
+                    // A turn is exact to a sample.
+                    let turned = [ANGLES - 1, 0, 1].map(|beside| {
+                        ring * ANGLES + (angle + quarter * ANGLES / 4 + beside) % ANGLES
+                    });
+                    turned
+                        .into_iter()
+                        .filter(|&turned| self.pixels[turned].is_some())
+                        .map(|turned| (self.levels[turned] - self.mean[index]).abs())
+                        .fold(DIFFERENCE_MAX, f32::min)
                 })
                 .sum();
             sum / landmarks.len() as f32
@@ -147,25 +154,26 @@ impl MountingCheck {
             (0, f32::MAX),
             |best, next| if next.1 < best.1 { next } else { best },
         );
-        if in_place > RATIO_MIN * least.max(STATIC_STD) {
+        if in_place > RATIO_MIN * least.max(DIFFERENCE_NOISE) {
             90 * best as u32
         } else {
             0
         }
     }
 
-    /// Samples that stay the same while others change, and differ from the mean of their radius.
+    /// Samples that stay the same while others change, and differ from the median of their radius.
     fn landmarks(&self) -> Vec<usize> {
-        (0..RADII.len())
-            .flat_map(|ring| {
-                let ring = ring * ANGLES..(ring + 1) * ANGLES;
-                let mean = self.mean[ring.clone()].iter().sum::<f32>() / ANGLES as f32;
-                ring.filter(move |&index| {
-                    self.pixels[index].is_some()
-                        && self.variance[index] < STATIC_STD * STATIC_STD
-                        && (self.mean[index] - mean).abs() > LANDMARK_CONTRAST
-                })
-            })
-            .collect()
+        let mut landmarks = Vec::new();
+        for ring in 0..RADII {
+            let ring = ring * ANGLES..(ring + 1) * ANGLES;
+            let mut means = self.mean[ring.clone()].to_vec();
+            let (_, median, _) = means.select_nth_unstable_by(ANGLES / 2, f32::total_cmp);
+            landmarks.extend(ring.filter(|&index| {
+                self.pixels[index].is_some()
+                    && self.variance[index] < STATIC_STD * STATIC_STD
+                    && (self.mean[index] - *median).abs() > LANDMARK_CONTRAST
+            }));
+        }
+        landmarks
     }
 }

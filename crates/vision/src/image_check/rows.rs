@@ -263,6 +263,10 @@ impl SampledRows {
             return false;
         };
         let columns = first * COLUMN_STEP..last * COLUMN_STEP;
+        // A short row at the edge of the ground may show one object alone.
+        if 2 * columns.len() < self.size_px.0 {
+            return false;
+        }
         let [upper, lower]: [Vec<u8>; 2] = [above.row, above.row + self.row_step].map(|row| {
             let level = |column| self.brightness(image.native_channels(column, row));
             columns.clone().map(level).collect()

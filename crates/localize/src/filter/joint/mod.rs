@@ -193,8 +193,8 @@ impl JointFilter {
 
     /// Moves pose (x, y, θ) and camera tilt (a, b). The mount of the inertial unit takes the tilt's part.
     pub(super) fn shift_pose(&mut self, step: [f32; 5]) {
-        for k in 0..3 {
-            self.state[POSE + k] += step[k];
+        for (value, step) in self.state[POSE..POSE + 3].iter_mut().zip(step) {
+            *value += step;
         }
         self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
         if self.imu_active {
