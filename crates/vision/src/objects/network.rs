@@ -6,6 +6,8 @@
 
 use std::sync::LazyLock;
 
+use localize::math;
+
 use crate::objects::patch::{CHANNELS, COARSE_SAMPLES, SAMPLES, SIDE};
 
 /// Units of the coarse network.
@@ -196,13 +198,13 @@ fn kernel_places<const EXTENT: usize>(
 
 /// Probability of log odds.
 pub(crate) fn logistic(log_odds: f32) -> f32 {
-    1.0 / (1.0 + (-log_odds).exp())
+    1.0 / (1.0 + math::exp(-log_odds))
 }
 
 /// Probabilities of exclusive classes.
 pub(crate) fn softmax<const N: usize>(outputs: [f32; N]) -> [f32; N] {
     let largest = outputs.into_iter().fold(f32::NEG_INFINITY, f32::max);
-    let shares = outputs.map(|output| (output - largest).exp());
+    let shares = outputs.map(|output| math::exp(output - largest));
     let sum: f32 = shares.iter().sum();
     shares.map(|share| share / sum)
 }

@@ -5,6 +5,8 @@
 
 use std::f32::consts::TAU;
 
+use localize::math;
+
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::ObjectConfig;
 use crate::image::ImageView;
@@ -123,7 +125,7 @@ impl ObstacleGrid {
                     beyond_line: at(BEYOND_LINE_ROW).unwrap_or(above[1]),
                 })
             }));
-            view_angle += STEP_ALONG / range.hypot(angles.height);
+            view_angle += STEP_ALONG / math::hypot(range, angles.height);
         }
         ObstacleGrid {
             own_parts: OwnParts::new(places.len()),
