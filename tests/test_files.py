@@ -16,6 +16,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from mirrorball.output_file import replacing
+
 ROOT = Path(__file__).parent.parent
 PROGRAM = ROOT / "target" / "release" / "mirrorball"
 SCENARIO = ROOT / "config" / "scenarios" / "demo.toml"
@@ -139,6 +141,17 @@ def test_full_disk_leaves_the_earlier_output_and_no_part(game: Path, tmp_path: P
     assert f"{name}" in done.stderr
     assert out.read_text() == "of an earlier run"
     assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_failed_export_of_the_package_leaves_the_earlier_file(tmp_path: Path) -> None:
+    path = tmp_path / "page.html"
+    with replacing(path) as part:
+        part.write_text("first")
+    with pytest.raises(OSError, match="full"), replacing(path) as part:
+        part.write_text("sec")
+        raise OSError("the disk is full")
+    assert path.read_text() == "first"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_log_after_a_full_disk_takes_a_free_name_and_says_what_it_continues(tmp_path: Path) -> None:

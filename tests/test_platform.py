@@ -79,4 +79,5 @@ def test_log_verifies_with_another_mathematical_library(other_library: Path, tmp
     for path, library in ((log, other_library), (foreign, None)):
         verified = json.loads(run("replay", path, "--verify", "--json", library=library))["verified"]
         assert verified["identical"] and verified["cycles"] >= 20
-        assert verified["vision_cycles"] == verified["cycles"]
+        # An image in which no carpet is found has no detections.
+        assert verified["vision_cycles"] > 0.8 * verified["cycles"]

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mirrorball.output_file import replacing
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -58,5 +60,6 @@ def write(folder: Path, *, title: str, sections: Sequence[str]) -> Path:
     """Writes index.html into a folder (created if missing) and returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
     page = folder / "index.html"
-    page.write_text(whole(title, sections), encoding="utf-8")
+    with replacing(page) as part:
+        part.write_text(whole(title, sections), encoding="utf-8")
     return page

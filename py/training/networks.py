@@ -88,7 +88,8 @@ class PatchNetwork(Network):
         self._side1, self._side2 = side // 2, side // 4
         flat = self._side2**2 * CONV2
         shapes: list[tuple[int, ...]] = [
-            (CHANNELS * 9, CONV1), (CONV1,), (CONV1 * 9, CONV2), (CONV2,), (flat, DENSE), (DENSE,), (DENSE, outputs), (outputs,),
+            (CHANNELS * 9, CONV1), (CONV1,), (CONV1 * 9, CONV2), (CONV2,),
+            (flat, DENSE), (DENSE,), (DENSE, outputs), (outputs,),
         ]  # fmt: skip
         super().__init__(shapes, seed)
         self._index1 = _kernel_indices(CHANNELS, side)

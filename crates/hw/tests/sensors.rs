@@ -258,7 +258,7 @@ fn images_carry_the_setting_that_the_camera_reports_and_a_gain_has_fractions() {
         exposure_us: 0,
     };
     sender.accept();
-    let mut settings = |sender: &mut FakeCamera| {
+    let settings = |sender: &mut FakeCamera| {
         let mut bytes = [0; SETTINGS_BYTES];
         let peer = sender.peer.as_mut().expect("a peer");
         peer.read_exact(&mut bytes).expect("settings");

@@ -170,16 +170,6 @@ fn load_ground_map(
             robot_file.display()
         ),
     };
-    ensure!(
-        (map.width_px, map.height_px) == (camera.width_px, camera.height_px),
-        "{} is for {} × {} pixels, but the camera of {} has {} × {}",
-        source.display(),
-        map.width_px,
-        map.height_px,
-        robot_file.display(),
-        camera.width_px,
-        camera.height_px
-    );
     let visible = map.x.iter().filter(|x| x.is_finite()).count();
     ensure!(visible > 0, "{}: no pixel shows ground", source.display());
     Ok(map)

@@ -15,6 +15,7 @@ import numpy as np
 
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reflection import Array
+from mirrorball.output_file import replacing
 
 MM_PER_M = 1e3
 """Millimetres in a metre."""
@@ -32,7 +33,7 @@ def write_csv(mirror: Mirror, path: str | Path, *, step_m: float = 1e-4) -> Expo
     """`radius_m,height_m` above the ground, to the picometre: what robot.toml's `profile` names."""
     path = Path(path)
     radius, height = mirror.samples(step_m=step_m)
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["radius_m", "height_m"])
         writer.writerows((f"{x:.12f}", f"{y:.12f}") for x, y in zip(radius, height, strict=True))
@@ -57,7 +58,8 @@ def write_dxf(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-7) ->
         space.add_lwpolyline(np.column_stack([MM_PER_M * x, MM_PER_M * y]).tolist(), dxfattribs={"layer": layer})
     axis = drawing.layers.add("axis", color=8)
     space.add_line((0.0, 0.0), (0.0, MM_PER_M * float(y.max()) * 1.1), dxfattribs={"layer": axis.dxf.name})
-    drawing.saveas(path)
+    with replacing(path) as part:
+        drawing.saveas(part)
     return Export(path, worst)
 
 
@@ -79,7 +81,7 @@ def write_stl(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-5, ba
     record = np.zeros(len(facets), dtype=[("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("spare", "<u2")])
     record["normal"] = edges / np.linalg.norm(edges, axis=1, keepdims=True)
     record["corner"] = facets
-    with path.open("wb") as file:
+    with replacing(path) as part, part.open("wb") as file:
         file.write(b"mirrorball, millimetres".ljust(80))
         file.write(np.uint32(len(facets)).tobytes())
         file.write(record.tobytes())
@@ -95,7 +97,9 @@ def write_step(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-7, b
     """
     from mirrorball.mirror import step
 
-    return Export(Path(path), step.write(mirror, Path(path), deviation_m=deviation_m, back_m=back_m))
+    with replacing(path) as part:
+        deviation = step.write(mirror, part, deviation_m=deviation_m, back_m=back_m)
+    return Export(Path(path), deviation)
 
 
 def read_stl(path: str | Path) -> Array:

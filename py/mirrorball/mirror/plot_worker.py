@@ -10,6 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from mirrorball.output_file import replacing
+
 if TYPE_CHECKING:
     from mirrorball.mirror.optical_analysis import OpticalAnalysis
     from mirrorball.mirror.tolerances import GroundErrors
@@ -35,8 +37,10 @@ def draw(subject: OpticalAnalysis | GroundErrors, names: Sequence[str], folder: 
     with matplotlib.rc_context(RC_PARAMS):
         for name in names:
             figure = getattr(figures, name)(subject)
-            figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
-            figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": 1})
+            with replacing(folder / f"{name}.svg") as part:
+                figure.savefig(part, format="svg", metadata={"Date": None})
+            with replacing(folder / f"{name}.png") as part:
+                figure.savefig(part, format="png", pil_kwargs={"compress_level": 1})
 
 
 class PlotWorker:

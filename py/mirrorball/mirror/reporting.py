@@ -18,6 +18,7 @@ from mirrorball.mirror.optical_analysis import Lens, OpticalAnalysis, judge
 from mirrorball.mirror.plot_worker import PlotWorker, draw
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
+from mirrorball.output_file import replacing
 
 FIGURES = {
     "profile": "Profile and rays",
@@ -126,7 +127,8 @@ def _write_report(
     if found is not None:
         sections += [_section("tolerances", "Tolerances", folder), _error_table(found)]
     _write_tables(judged, folder)
-    (folder / "index.html").write_text(_page(judged, camera, sections), encoding="utf-8")
+    with replacing(folder / "index.html") as part:
+        part.write_text(_page(judged, camera, sections), encoding="utf-8")
     return found
 
 
@@ -145,7 +147,8 @@ def _write_tables(judged: OpticalAnalysis, folder: Path) -> None:
     sizes += [tuple(f"{v:.6g}" for v in row) for row in zip(*(getattr(judged.sizes, name) for name in names), strict=True)]
     for name, rows in (("heights", heights), ("resolution", resolution), ("sizes", sizes)):
         text = "".join(",".join(row) + "\n" for row in rows)
-        (folder / f"{name}.csv").write_text(text, encoding="utf-8")
+        with replacing(folder / f"{name}.csv") as part:
+            part.write_text(text, encoding="utf-8")
 
 
 def _section(name: str, heading: str, folder: Path) -> str:

@@ -35,20 +35,21 @@ pub struct CameraSection {
     pub width_px: usize,
     /// Image height, pixels.
     pub height_px: usize,
-    /// As [`CameraConfig::focal_px`].
+    /// Focal length, pixels. Required to trace a mirror profile, unused with a map.
     pub focal_px: Option<f32>,
-    /// As [`CameraConfig::centre_px`]. Absent until the rim is measured; a calibrated map has its own axis.
+    /// The mirror axis in the image (u right, v down), pixels; integers are pixel centres. Absent: that of the calibrated
+    /// map.
     #[serde(default, deserialize_with = "optional_pair")]
     pub centre_px: Option<[f32; 2]>,
-    /// As [`CameraConfig::height`].
+    /// Height of the pinhole above the ground, metres. Required to trace a mirror profile.
     pub height: Option<f32>,
-    /// As [`CameraConfig::forward_deg`]. By default forward is image up.
+    /// Direction of the robot's x axis in the image: degrees from image right towards image up.
     #[serde(default = "forward_up_deg")]
     pub forward_deg: f32,
-    /// As [`CameraConfig::flipped`]. By default the camera looks up into one mirror.
+    /// True if the robot's left appears on the right of an image with forward up (a camera below one mirror).
     #[serde(default = "one_mirror")]
     pub flipped: bool,
-    /// As [`CameraConfig::outer_radius_px`].
+    /// Radius of the mirror's rim in the image, pixels. Pixels beyond it are unused.
     pub outer_radius_px: Option<f32>,
 }
 

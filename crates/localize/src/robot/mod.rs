@@ -382,6 +382,15 @@ mod tests {
     }
 
     #[test]
+    fn camera_with_a_size_alone_has_no_axis_yet() {
+        let text = "field = \"field.toml\"\n[camera]\nwidth_px = 480\nheight_px = 480\n";
+        let section = load(text).expect("a robot").camera.expect("a camera");
+        assert_eq!(section.camera(), None);
+        let camera = section.with_axis([240.0, 239.0], None);
+        assert_eq!((camera.forward_deg, camera.flipped), (90.0, true));
+    }
+
+    #[test]
     fn sample_robot_toml_loads_with_resolved_paths() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
         let robot = RobotConfig::load(&folder.join("robot.toml")).expect("a robot");

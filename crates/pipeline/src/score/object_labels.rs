@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use localize::Stamp;
+use localize::{Stamp, math};
 use serde::Serialize;
 use vision::Detections;
 
@@ -263,7 +263,7 @@ fn distance_to_outline([u, v]: [f32; 2], outline: &[[f32; 2]]) -> f32 {
         }
         let length2 = (du * du + dv * dv).max(1e-9);
         let part = (((u - au) * du + (v - av) * dv) / length2).clamp(0.0, 1.0);
-        nearest = nearest.min((u - au - part * du).hypot(v - av - part * dv));
+        nearest = nearest.min(math::hypot(u - au - part * du, v - av - part * dv));
     }
     if inside { 0.0 } else { nearest }
 }

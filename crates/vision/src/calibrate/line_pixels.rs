@@ -36,7 +36,7 @@ pub(super) fn detect_line_pixels(
 ) -> Result<Vec<ImagePixels>, CalibrationError> {
     let mut config = vision_config.clone();
     config.lines.width_ratio_min = 0.0;
-    config.lines.width_ratio_max = 1.5 * config.lines.width_ratio_max;
+    config.lines.width_ratio_max *= 1.5;
     config.scan.pixel_footprint_max = 100.0;
     let vision =
         Vision::new(&generic_map(camera), camera, line_width, config).map_err(|source| {

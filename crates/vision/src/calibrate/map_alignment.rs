@@ -2,11 +2,15 @@
 
 use localize::Pose;
 use localize::math;
+use localize::robot::CameraConfig;
 
 use crate::optics::ground_map::GroundMap;
 
 /// Farther ground does not take part, metres.
 const RANGE_MAX: f64 = 5.0;
+
+/// Pixels up to this share of the rim's radius define the robot frame.
+const INNER_SHARE: f32 = 0.4;
 
 /// A rotation about the origin, then a shift.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,15 +25,49 @@ impl PlanarTransform {
     pub(super) fn between(from: &GroundMap, to: &GroundMap) -> Self {
         let pairs: Vec<[[f64; 2]; 2]> = ground_pairs(from, to).collect();
         // An error of a map grows with the range.
-        let weight = |[p, _]: &[[f64; 2]; 2]| 1.0 / (0.05 + 0.02 * math::hypot(p[0], p[1])).powi(2);
-        let sum: f64 = pairs.iter().map(weight).sum::<f64>().max(1e-9);
+        PlanarTransform::fit(&pairs, |[p, _]| {
+            1.0 / (0.05 + 0.02 * math::hypot(p[0], p[1])).powi(2)
+        })
+    }
+
+    /// The transform after which a map's ground points surround the origin as their pixels surround the mirror's centre.
+    ///
+    /// `camera`: with the rim's centre. Uses the inner pixels: an image tilt moves the outer ones.
+    pub(super) fn to_mirror_centre(map: &GroundMap, camera: &CameraConfig) -> Self {
+        let radius_max = INNER_SHARE * camera.outer_radius_px.unwrap_or(map.width_px as f32 / 2.0);
+        let mut pairs = Vec::new();
+        for (row, column) in (0..map.height_px).flat_map(|v| (0..map.width_px).map(move |u| (v, u)))
+        {
+            let direction = camera.robot_direction_px(column as f32, row as f32);
+            if math::hypot(direction[0], direction[1]) > radius_max {
+                continue;
+            }
+            if let Some(ground) = map.at(column, row) {
+                pairs.push([
+                    [ground.x, ground.y].map(f64::from),
+                    direction.map(f64::from),
+                ]);
+            }
+        }
+        let mut transform = PlanarTransform::fit(&pairs, |_| 1.0);
+        // The pixels' mean is the centre but for rounding; their scale differs from the ground's.
+        let count = pairs.len().max(1) as f64;
+        let mean = [0, 1].map(|axis| pairs.iter().map(|[p, _]| p[axis]).sum::<f64>() / count);
+        transform.shift = [0.0; 2];
+        transform.shift = transform.apply(mean).map(|axis| -axis);
+        transform
+    }
+
+    /// Weighted least squares over pairs of points (from, to).
+    fn fit(pairs: &[[[f64; 2]; 2]], weight: impl Fn(&[[f64; 2]; 2]) -> f64) -> Self {
+        let sum: f64 = pairs.iter().map(&weight).sum::<f64>().max(1e-9);
         let mean = |which: usize, axis: usize| {
             let parts = pairs.iter().map(|pair| weight(pair) * pair[which][axis]);
             parts.sum::<f64>() / sum
         };
         let (pm, qm) = ([mean(0, 0), mean(0, 1)], [mean(1, 0), mean(1, 1)]);
         let (mut along, mut across) = (0.0, 0.0);
-        for pair in &pairs {
+        for pair in pairs {
             let [p, q] = pair;
             let (px, py, qx, qy) = (p[0] - pm[0], p[1] - pm[1], q[0] - qm[0], q[1] - qm[1]);
             along += weight(pair) * (px * qx + py * qy);

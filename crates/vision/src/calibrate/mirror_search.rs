@@ -13,21 +13,14 @@ use localize::{Field, Pose};
 use rayon::prelude::*;
 
 use crate::calibrate::joint_fit::{FitImage, JointFit, Markings, Schedule};
-use crate::calibrate::radial_model::{PixelPoint, RadialFunction, RadialModel};
+use crate::calibrate::radial_family::{RadialFunction, family};
+use crate::calibrate::radial_model::{PixelPoint, RadialModel};
 
 /// From a member of the family to the accuracy of paint.
 const FAMILY_SCHEDULE: Schedule = Schedule {
     metres: &[0.10, 0.08, 0.06, 0.05, 0.05, 0.05, 0.04],
     relative: &[0.12, 0.08, 0.05, 0.035, 0.02, 0.01, 0.005],
 };
-
-/// Metres per rim radius near the axis: steps of a quarter from a mirror that shows the near ground large to one that
-/// is isometric up to 6 m.
-const NEAR_FIRST: f64 = 0.8;
-const NEAR_STEP: f64 = 1.22;
-const NEAR_COUNT: usize = 13;
-const HORIZONS: [f64; 3] = [0.98, 1.1, 1.3];
-const POWERS: [f64; 2] = [3.0, 8.0];
 
 /// A point counts half at this share of its range from a marking; a twentieth, as members are that far from a mirror.
 const RELATIVE_TOLERANCE: f64 = 0.05;
@@ -241,19 +234,6 @@ impl<'a> MirrorSearch<'a> {
         let poses: Vec<Option<Pose>> = found.into_iter().map(|found| Some(found?.1)).collect();
         self.refine(model, &poses, images)
     }
-}
-
-fn family() -> impl Iterator<Item = RadialFunction> {
-    let near = (0..NEAR_COUNT).map(|k| NEAR_FIRST * NEAR_STEP.powi(k as i32));
-    near.flat_map(|near| {
-        HORIZONS.iter().flat_map(move |&horizon| {
-            POWERS.iter().map(move |&power| RadialFunction {
-                near,
-                horizon,
-                power,
-            })
-        })
-    })
 }
 
 /// Image radii between which most points lie (5 and 95 %), pixels.

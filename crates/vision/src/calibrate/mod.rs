@@ -12,6 +12,7 @@ pub mod mask;
 mod mirror_search;
 pub mod mount_fit;
 mod polar_map;
+mod radial_family;
 mod radial_model;
 pub mod rim;
 pub mod strip;

@@ -5,37 +5,10 @@
 //! since a mirror's axis is seldom the centre of its rim.
 
 use crate::calibrate::joint_fit::{MapModel, PriorTerm, tilt_ground_point};
+use crate::calibrate::radial_family::RadialFunction;
 use crate::optics::ground_map::GroundMap;
 use localize::math;
 use localize::robot::CameraConfig;
-
-/// A member of the family: r(x) = near·x / (1 − (x / horizon)^power), x the image radius over the rim's radius.
-///
-/// Near the axis range is proportional to radius for every smooth mirror. It diverges where the mirror shows the
-/// horizon. Hyperbolic and spherical mirrors have powers of 2 to 4, horizontally isometric ones up to 10.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct RadialFunction {
-    /// Metres per rim radius near the axis.
-    pub(super) near: f64,
-    /// Radius of the horizon over the rim's radius.
-    pub(super) horizon: f64,
-    pub(super) power: f64,
-}
-
-impl RadialFunction {
-    /// Log range and its derivative by x; infinite at and beyond the horizon.
-    fn log_range(&self, x: f64) -> [f64; 2] {
-        let part = math::powf(x / self.horizon, self.power);
-        if part >= 0.99 {
-            return [f64::INFINITY; 2];
-        }
-        let x = x.max(1e-3);
-        [
-            math::ln(self.near * x / (1.0 - part)),
-            1.0 / x + self.power * part / (x * (1.0 - part)),
-        ]
-    }
-}
 
 /// Knots of the spline between axis and rim.
 const INTERVALS: usize = 14;
@@ -74,12 +47,12 @@ const BOUND_STD: f64 = 0.01;
 /// The map of an unknown mirror.
 #[derive(Debug, Clone)]
 pub(super) struct RadialModel {
-    pub(super) function: RadialFunction,
+    function: RadialFunction,
     /// Rim's radius, pixels.
     rim_px: f64,
     parameters: Vec<f64>,
     /// Height of the viewpoint above the ground, metres.
-    pub(super) viewpoint_height: f64,
+    viewpoint_height: f64,
 }
 
 /// A pixel relative to the rim's centre, along the robot's axes, pixels.

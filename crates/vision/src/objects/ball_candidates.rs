@@ -1,32 +1,32 @@
 //! Where could a ball lie? A grid of places in steps of two thirds of a ball's radius, judged in three steps: something
-//! else than carpet with carpet around it, the coarse network, the convolution network.
+//! else than carpet with carpet before it, the coarse network, the convolution network.
 //!
 //! The ball's colour plays no part.
 
 use std::f32::consts::TAU;
+
+use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::ObjectConfig;
 use crate::image::ImageView;
 use crate::objects::network::{NETWORKS, logistic};
 use crate::objects::patch::{
-    BallAngles, PatchFrame, PatchKind, normalize_coarse_patch, normalize_patch, read_coarse_patch,
-    read_patch,
+    BallAngles, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, floor_pixels,
+    normalize_coarse_patch, normalize_patch, read_coarse_patch, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
 
 /// Step of the grid, ball radii.
 const GRID_STEP: f32 = 0.7;
-/// Smallest distance of a ball, metres: nearer ones touch the robot.
+/// Distances of a ball, metres: nearer ones touch the robot, farther ones are a few pixels wide.
 const RANGE_MIN: f32 = 0.3;
-/// Places around a ball that must show carpet, on an ellipse of this many radii.
-const SURROUND: usize = 8;
-const SURROUND_RADII: f32 = 1.9;
-/// Fewest of them that are carpet; a robot, a line or the carpet's edge may take the others.
-const SURROUND_CARPET_MIN: usize = 2;
+const RANGE_MAX: f32 = 6.5;
+/// Fewest samples of the floor before and beside a ball that are carpet; a robot, a line or the own body may take others.
+const FLOOR_CARPET_MIN: usize = 3;
 /// Candidates whose pixels the convolution network judges.
-const CANDIDATES_MAX: usize = 20;
+const CANDIDATES_MAX: usize = 18;
 /// Two candidates nearer than this are one, ball radii.
 const SEPARATION: f32 = 1.5;
 
@@ -36,9 +36,8 @@ struct GridPlace {
     view_angle: f32,
     azimuth: f32,
     ball: BallAngles,
-    /// Index of the pixel, and those around it.
     pixel: [u16; 2],
-    surround: [[u16; 2]; SURROUND],
+    coarse: CoarsePixels,
 }
 
 /// The places at which balls are sought.
@@ -74,10 +73,10 @@ impl BallGrid {
             inside.then_some([u as u16, v as u16])
         };
         let mut places = Vec::new();
-        let mut view_angle = RANGE_MIN.atan2(centre_height);
-        let last = config.ball_range_max.min(6.5).atan2(centre_height);
+        let mut view_angle = math::atan2(RANGE_MIN, centre_height);
+        let last = math::atan2(config.ball_range_max.min(RANGE_MAX), centre_height);
         while view_angle <= last {
-            let range = centre_height * view_angle.tan();
+            let range = centre_height * math::tan(view_angle);
             let ball = BallAngles::at(range, config.ball_radius, config.viewpoint_height);
             let count = (TAU / (GRID_STEP * ball.half_width)).ceil() as usize;
             for number in 0..count {
@@ -88,19 +87,13 @@ impl BallGrid {
                 if !is_visible(usize::from(pixel[0]), usize::from(pixel[1])) {
                     continue;
                 }
-                let surround = std::array::from_fn(|index| {
-                    let (sin, cos) = (TAU * index as f32 / SURROUND as f32).sin_cos();
-                    let away = SURROUND_RADII * ball.half_height * sin;
-                    let aside = SURROUND_RADII * ball.half_width * cos;
-                    // Outside the image the place itself stands in: it is not carpet.
-                    inside(angles.position_px(view_angle + away, azimuth + aside)).unwrap_or(pixel)
-                });
+                let frame = PatchFrame::ball(view_angle, azimuth, ball);
                 places.push(GridPlace {
                     view_angle,
                     azimuth,
                     ball,
                     pixel,
-                    surround,
+                    coarse: coarse_pixels(angles, &frame, size_px),
                 });
             }
             view_angle += GRID_STEP * ball.half_height;
@@ -127,12 +120,11 @@ impl BallGrid {
             if is_carpet(place.pixel) {
                 continue;
             }
-            let carpet = place.surround.iter().filter(|&&pixel| is_carpet(pixel));
-            if carpet.count() < SURROUND_CARPET_MIN {
+            let floor = floor_pixels(&place.coarse);
+            if floor.filter(|&pixel| is_carpet(pixel)).count() < FLOOR_CARPET_MIN {
                 continue;
             }
-            let frame = PatchFrame::ball(place.view_angle, place.azimuth, place.ball);
-            let colours = read_coarse_patch(image, &self.angles, &frame);
+            let colours = read_coarse_patch(image, &place.coarse);
             let log_odds = NETWORKS
                 .ball_coarse
                 .log_odds(&normalize_coarse_patch(PatchKind::Ball, &colours));
@@ -195,16 +187,11 @@ impl BallGrid {
     pub(crate) fn candidate_at(&self, range: f32, position_px: [f32; 2]) -> BallCandidate {
         let height = self.angles.height;
         BallCandidate {
-            view_angle: range.atan2(height - self.ball_radius),
+            view_angle: math::atan2(range, height - self.ball_radius),
             azimuth: azimuth(self.angles.centre_px, position_px),
             ball: BallAngles::at(range, self.ball_radius, height),
             probability: 0.0,
         }
-    }
-
-    /// Directions and image radii of the grid's map.
-    pub(crate) fn angles(&self) -> &ViewAngles {
-        &self.angles
     }
 }
 
@@ -212,5 +199,5 @@ impl BallGrid {
 pub(crate) fn separation(a: &BallCandidate, b: &BallCandidate) -> f32 {
     let across = localize::frames::wrap_angle(a.azimuth - b.azimuth) / a.ball.half_width;
     let along = (a.view_angle - b.view_angle) / a.ball.half_height;
-    across.hypot(along)
+    math::hypot(across, along)
 }

@@ -1,10 +1,12 @@
-//! Two small networks per kind of object, trained by `py/training/train_objects.py` (docs/methods.md 4.8).
+//! Two small networks per kind of object, trained by `py/training/train_objects.py` (docs/methods.md 4.9).
 //!
 //! The coarse network ranks the many places that the candidate search leaves. The convolution network judges the best of
 //! them by their pixels. Plain loops of fixed size let the compiler use vector instructions, and sums run in one order,
 //! so results are the same on every run.
 
 use std::sync::LazyLock;
+
+use localize::math;
 
 use crate::objects::patch::{CHANNELS, COARSE_SAMPLES, SAMPLES, SIDE};
 
@@ -196,13 +198,67 @@ fn kernel_places<const EXTENT: usize>(
 
 /// Probability of log odds.
 pub(crate) fn logistic(log_odds: f32) -> f32 {
-    1.0 / (1.0 + (-log_odds).exp())
+    1.0 / (1.0 + math::exp(-log_odds))
 }
 
 /// Probabilities of exclusive classes.
 pub(crate) fn softmax<const N: usize>(outputs: [f32; N]) -> [f32; N] {
     let largest = outputs.into_iter().fold(f32::NEG_INFINITY, f32::max);
-    let shares = outputs.map(|output| (output - largest).exp());
+    let shares = outputs.map(|output| math::exp(output - largest));
     let sum: f32 = shares.iter().sum();
     shares.map(|share| share / sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::objects::patch::{PatchKind, normalize_patch};
+
+    fn probability(colour: impl Fn(f32, f32) -> [u8; 3]) -> f32 {
+        let colours = std::array::from_fn(|index| {
+            let [row, column] = [index / SIDE, index % SIDE].map(|at| 0.4 * (at as f32 - 5.5));
+            Some(colour(row, column))
+        });
+        let [log_odds] = NETWORKS
+            .ball
+            .evaluate(&normalize_patch(PatchKind::Ball, &colours));
+        logistic(log_odds)
+    }
+
+    #[test]
+    fn discs_of_any_colour_are_balls_and_a_line_or_plain_carpet_is_none() {
+        let carpet = [40, 110, 70];
+        for ball in [
+            [230, 130, 40],
+            [235, 235, 220],
+            [60, 70, 200],
+            [200, 40, 60],
+        ] {
+            let disc = probability(|row, column| {
+                if row * row + column * column < 1.0 {
+                    // The upper side is lit.
+                    ball.map(|level: u8| (f32::from(level) * (0.85 + 0.15 * row)) as u8)
+                } else {
+                    carpet
+                }
+            });
+            assert!(disc > 0.5, "{ball:?}: {disc}");
+        }
+        let line = probability(|row, _| {
+            if row.abs() < 0.5 {
+                [230, 232, 228]
+            } else {
+                carpet
+            }
+        });
+        assert!(line < 0.2, "line: {line}");
+        let plain = probability(|_, _| carpet);
+        assert!(plain < 0.2, "carpet: {plain}");
+    }
+
+    #[test]
+    fn probabilities_of_exclusive_classes_sum_to_one() {
+        let shares = softmax([1.0, -2.0, 30.0]);
+        assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-6 && shares[2] > 0.99);
+    }
 }

@@ -5,14 +5,16 @@
 
 use std::f32::consts::TAU;
 
+use localize::math;
+
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::ObjectConfig;
 use crate::image::ImageView;
 use crate::objects::network::{NETWORKS, softmax};
 use crate::objects::own_parts::OwnParts;
 use crate::objects::patch::{
-    PatchFrame, PatchKind, logarithm, normalize_coarse_patch, normalize_patch, obstacle_row_step,
-    read_coarse_patch, read_patch,
+    CoarsePixels, PatchFrame, PatchKind, coarse_pixels, logarithm, normalize_coarse_patch,
+    normalize_patch, obstacle_row_step, read_coarse_patch, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
@@ -27,10 +29,10 @@ const EDGE_ROWS: [f32; 2] = [1.0, 2.2];
 /// Row above the foot at which a line has ended.
 const BEYOND_LINE_ROW: f32 = 4.0;
 /// Smallest step of the mean logarithm across an edge, and that which remains beyond a line.
-const EDGE_STEP_MIN: f32 = 0.2;
-const BEYOND_LINE_STEP_MIN: f32 = 0.12;
+const EDGE_STEP_MIN: f32 = 0.25;
+const BEYOND_LINE_STEP_MIN: f32 = 0.2;
 /// Candidates whose pixels the convolution network judges.
-const CANDIDATES_MAX: usize = 24;
+const CANDIDATES_MAX: usize = 28;
 /// Candidates nearer than this are one: metres across, and across where they stand at one distance.
 const SEPARATION_IN_LINE: f32 = 0.18;
 const SEPARATION_ABREAST: f32 = 0.3;
@@ -45,6 +47,7 @@ struct FootPlace {
     below: [[u16; 2]; 2],
     above: [[u16; 2]; 2],
     beyond_line: [u16; 2],
+    coarse: CoarsePixels,
 }
 
 /// Places of one distance.
@@ -113,6 +116,7 @@ impl ObstacleGrid {
                 if !is_visible(usize::from(foot[0]), usize::from(foot[1])) {
                     return None;
                 }
+                let frame = PatchFrame::obstacle(range, azimuth, angles.height);
                 let above = [at(EDGE_ROWS[0])?, at(EDGE_ROWS[1])?];
                 Some(FootPlace {
                     range,
@@ -121,9 +125,10 @@ impl ObstacleGrid {
                     above,
                     // Outside the image nothing contradicts.
                     beyond_line: at(BEYOND_LINE_ROW).unwrap_or(above[1]),
+                    coarse: coarse_pixels(angles, &frame, size_px),
                 })
             }));
-            view_angle += STEP_ALONG / range.hypot(angles.height);
+            view_angle += STEP_ALONG / math::hypot(range, angles.height);
         }
         ObstacleGrid {
             own_parts: OwnParts::new(places.len()),
@@ -142,7 +147,11 @@ impl ObstacleGrid {
         let mut edges: Vec<f32> = self
             .places
             .iter()
-            .map(|place| place.map_or(0.0, |place| edge_step(image, table, &place)))
+            .map(|place| {
+                place
+                    .as_ref()
+                    .map_or(0.0, |place| edge_step(image, table, place))
+            })
             .collect();
         self.own_parts
             .add_image(edges.iter().map(|&edge| edge > 0.0));
@@ -155,10 +164,10 @@ impl ObstacleGrid {
         for (row, grid_row) in self.rows.iter().enumerate() {
             for number in 0..grid_row.count {
                 let index = grid_row.first + number;
-                let Some(place) = self.places[index].filter(|_| edges[index] > 0.0) else {
+                let Some(place) = self.places[index].as_ref().filter(|_| edges[index] > 0.0) else {
                     continue;
                 };
-                // Only the steepest place of an edge.
+                // Only the steepest place of an edge, along the view and across it.
                 let turns = number as f32 / grid_row.count as f32;
                 let steeper = |row: Option<usize>| {
                     let neighbour = row.and_then(|row| self.rows.get(row));
@@ -167,11 +176,15 @@ impl ObstacleGrid {
                         edges[row.first + nearest] > edges[index]
                     })
                 };
-                if steeper(row.checked_sub(1)) || steeper(Some(row + 1)) {
+                let beside = [number + 1, number + grid_row.count - 1]
+                    .map(|number| edges[grid_row.first + number % grid_row.count]);
+                if steeper(row.checked_sub(1))
+                    || steeper(Some(row + 1))
+                    || beside.iter().any(|&edge| edge > edges[index])
+                {
                     continue;
                 }
-                let frame = PatchFrame::obstacle(place.range, place.azimuth, self.angles.height);
-                let colours = read_coarse_patch(image, &self.angles, &frame);
+                let colours = read_coarse_patch(image, &place.coarse);
                 let log_odds = NETWORKS
                     .obstacle_coarse
                     .log_odds(&normalize_coarse_patch(PatchKind::Obstacle, &colours));

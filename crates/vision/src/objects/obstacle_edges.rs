@@ -1,5 +1,7 @@
 //! Refines an obstacle's foot and measures its width: where the colours step from floor to obstacle.
 
+use localize::math;
+
 use crate::image::ImageView;
 use crate::objects::obstacle_candidates::ObstacleCandidate;
 use crate::objects::patch::{logarithm, obstacle_row_step};
@@ -87,7 +89,7 @@ pub(crate) fn measure_width(
     let steps = |side: f32| {
         (1..=WIDTH_STEPS_MAX)
             .take_while(|&step| {
-                let aside = (side * step as f32 * WIDTH_STEP).atan2(range);
+                let aside = math::atan2(side * step as f32 * WIDTH_STEP, range);
                 let here = colour_at(
                     image,
                     angles,

@@ -2,9 +2,11 @@
 //!
 //! Rows lead away from the robot and columns lie across. A step is a fraction of the ball, or a fixed length at an
 //! obstacle's foot. Colours are logarithmic and relative to the floor before the candidate, so exposure, colour cast and
-//! the carpet's colour cancel (docs/methods.md 4.8). `py/training/patches.py` samples the same patches for training.
+//! the carpet's colour cancel (docs/methods.md 4.9). `py/training/patches.py` samples the same patches for training.
 
 use std::sync::LazyLock;
+
+use localize::math;
 
 use crate::image::ImageView;
 use crate::objects::view_angles::ViewAngles;
@@ -33,7 +35,7 @@ const CHANNEL_MAX: f32 = 2.0;
 
 /// Logarithm of each level.
 static LOGARITHMS: LazyLock<[f32; 256]> =
-    LazyLock::new(|| std::array::from_fn(|level| (level as f32 + LOG_OFFSET).ln()));
+    LazyLock::new(|| std::array::from_fn(|level| math::ln(level as f32 + LOG_OFFSET)));
 
 /// Logarithm of a level, see `LOG_OFFSET`.
 pub(crate) fn logarithm(level: u8) -> f32 {
@@ -78,7 +80,7 @@ impl PatchFrame {
     /// The patch of an obstacle whose foot is at a ground distance, metres.
     pub(crate) fn obstacle(range: f32, azimuth: f32, height: f32) -> Self {
         PatchFrame {
-            view_angle: range.atan2(height),
+            view_angle: math::atan2(range, height),
             azimuth,
             row_step: obstacle_row_step(range, height),
             origin_row: FOOT_ROW,
@@ -91,20 +93,30 @@ impl PatchFrame {
         self.view_angle + (row as f32 - self.origin_row) * self.row_step
     }
 
-    /// Azimuth of a column.
-    fn column_azimuth(&self, column: usize) -> f32 {
-        let place = column as f32 - (SIDE - 1) as f32 / 2.0;
-        self.azimuth
-            + match self.columns {
-                Columns::Angular(step) => place * step,
-                Columns::Metric(step, range) => (place * step).atan2(range),
+    /// Sine and cosine of each column's azimuth.
+    fn directions(&self) -> [(f32, f32); SIDE] {
+        let (sin, cos) = math::sin_cos(self.azimuth);
+        std::array::from_fn(|column| {
+            let place = column as f32 - (SIDE - 1) as f32 / 2.0;
+            match self.columns {
+                Columns::Angular(step) => math::sin_cos(self.azimuth + place * step),
+                // The direction to a point beside the foot: no arc tangent is needed.
+                Columns::Metric(step, range) => {
+                    let aside = place * step;
+                    let length = (range * range + aside * aside).sqrt();
+                    (
+                        (sin * range + cos * aside) / length,
+                        (cos * range - sin * aside) / length,
+                    )
+                }
             }
+        })
     }
 }
 
 /// View angle per row of an obstacle's patch at a ground distance, radians: as long as a column is wide.
 pub(crate) fn obstacle_row_step(range: f32, height: f32) -> f32 {
-    OBSTACLE_STEP / range.hypot(height)
+    OBSTACLE_STEP / math::hypot(range, height)
 }
 
 /// Half the angles that a ball on the ground covers, radians.
@@ -119,10 +131,10 @@ pub(crate) struct BallAngles {
 impl BallAngles {
     /// Of a ball at a distance, metres.
     pub(crate) fn at(range: f32, ball_radius: f32, viewpoint_height: f32) -> Self {
-        let slant = range.hypot(viewpoint_height - ball_radius);
+        let slant = math::hypot(range, viewpoint_height - ball_radius);
         BallAngles {
-            half_height: (ball_radius / slant).min(0.95).asin(),
-            half_width: (ball_radius / range).min(0.95).asin(),
+            half_height: math::asin((ball_radius / slant).min(0.95)),
+            half_width: math::asin((ball_radius / range).min(0.95)),
         }
     }
 }
@@ -136,50 +148,81 @@ pub(crate) fn read_patch(
     angles: &ViewAngles,
     frame: &PatchFrame,
 ) -> PatchColours {
-    let directions: [(f32, f32); SIDE] =
-        std::array::from_fn(|column| frame.column_azimuth(column).sin_cos());
+    let directions = frame.directions();
+    let ray = angles.ray(frame.azimuth);
+    let size_px = [image.width_px, image.height_px];
     let mut colours = [None; SAMPLES];
-    for row in 0..SIDE {
-        let radius = angles.radius_px(frame.row_angle(row), frame.azimuth);
-        for (column, &direction) in directions.iter().enumerate() {
-            colours[row * SIDE + column] = pixel(image, angles, radius, direction);
+    for (row, colours) in colours.chunks_exact_mut(SIDE).enumerate() {
+        let radius = ray.radius_px(frame.row_angle(row));
+        for (colour, &direction) in colours.iter_mut().zip(&directions) {
+            *colour = pixel(angles.centre_px, size_px, radius, direction)
+                .map(|[u, v]| image.rgb(usize::from(u), usize::from(v)));
         }
     }
     colours
 }
 
-/// Reads a coarse patch: every second sample.
-pub(crate) fn read_coarse_patch(
-    image: &ImageView<'_>,
+/// Pixels of a coarse patch, column and row; [`OUTSIDE`] outside the image.
+pub(crate) type CoarsePixels = [[u16; 2]; COARSE_SAMPLES];
+
+/// Marks a sample outside the image.
+const OUTSIDE: [u16; 2] = [u16::MAX; 2];
+
+/// Pixels of a coarse patch: every second sample of the patch.
+pub(crate) fn coarse_pixels(
     angles: &ViewAngles,
     frame: &PatchFrame,
-) -> [Option<[u8; 3]>; COARSE_SAMPLES] {
-    let directions: [(f32, f32); COARSE.len()] =
-        std::array::from_fn(|column| frame.column_azimuth(COARSE[column]).sin_cos());
-    let mut colours = [None; COARSE_SAMPLES];
+    size_px: [usize; 2],
+) -> CoarsePixels {
+    let directions = frame.directions();
+    let ray = angles.ray(frame.azimuth);
+    let mut pixels = [OUTSIDE; COARSE_SAMPLES];
     for (number, &row) in COARSE.iter().enumerate() {
-        let radius = angles.radius_px(frame.row_angle(row), frame.azimuth);
-        for (column, &direction) in directions.iter().enumerate() {
-            colours[number * COARSE.len() + column] = pixel(image, angles, radius, direction);
+        let radius = ray.radius_px(frame.row_angle(row));
+        for (place, &column) in COARSE.iter().enumerate() {
+            let found = pixel(angles.centre_px, size_px, radius, directions[column]);
+            pixels[number * COARSE.len() + place] = found.unwrap_or(OUTSIDE);
         }
     }
-    colours
+    pixels
 }
 
-/// Colour at a radius and direction (sine, cosine of the azimuth).
-fn pixel(
+/// Pixels of the floor before a ball, inside the image.
+pub(crate) fn floor_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> + '_ {
+    let side = COARSE.len();
+    let is_floor =
+        move |index: usize| PatchKind::Ball.is_floor(COARSE[index / side], COARSE[index % side]);
+    let places = pixels.iter().enumerate();
+    places
+        .filter(move |&(index, &pixel)| is_floor(index) && pixel != OUTSIDE)
+        .map(|(_, &pixel)| pixel)
+}
+
+/// Reads a coarse patch.
+pub(crate) fn read_coarse_patch(
     image: &ImageView<'_>,
-    angles: &ViewAngles,
+    pixels: &CoarsePixels,
+) -> [Option<[u8; 3]>; COARSE_SAMPLES] {
+    pixels.map(|pixel| {
+        let [u, v] = pixel.map(usize::from);
+        (pixel != OUTSIDE).then(|| image.rgb(u, v))
+    })
+}
+
+/// Pixel at a radius and direction (sine, cosine of the azimuth).
+fn pixel(
+    centre_px: [f32; 2],
+    [width, height]: [usize; 2],
     radius: f32,
     (sin, cos): (f32, f32),
-) -> Option<[u8; 3]> {
+) -> Option<[u16; 2]> {
     let (u, v) = (
-        (angles.centre_px[0] + radius * cos + 0.5).floor(),
-        (angles.centre_px[1] - radius * sin + 0.5).floor(),
+        (centre_px[0] + radius * cos + 0.5).floor(),
+        (centre_px[1] - radius * sin + 0.5).floor(),
     );
     // Not a number fails as well.
-    let inside = u >= 0.0 && v >= 0.0 && u < image.width_px as f32 && v < image.height_px as f32;
-    inside.then(|| image.rgb(u as usize, v as usize))
+    let inside = u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32;
+    inside.then_some([u as u16, v as u16])
 }
 
 /// What a patch shows; decides which samples are floor before it and what samples outside the image mean.
@@ -225,6 +268,7 @@ fn normalize<const N: usize, const M: usize>(
     colours: &[Option<[u8; 3]>; N],
     is_floor: impl Fn(usize) -> bool,
 ) -> [f32; M] {
+    let logarithms = &*LOGARITHMS;
     let mut floor = [[0u8; N]; 3];
     let mut count = 0;
     for (index, colour) in colours.iter().enumerate() {
@@ -243,7 +287,9 @@ fn normalize<const N: usize, const M: usize>(
         if kind == PatchKind::Obstacle && colour.is_none() {
             continue;
         }
-        let logs = colour.unwrap_or([0; 3]).map(logarithm);
+        let logs = colour
+            .unwrap_or([0; 3])
+            .map(|level| logarithms[usize::from(level)]);
         let relative: [f32; 3] = std::array::from_fn(|channel| logs[channel] - reference[channel]);
         let brightness = (relative[0] + relative[1] + relative[2]) / 3.0;
         let channels = [brightness, range(relative), range(logs) - reference_range];
@@ -261,8 +307,58 @@ fn range([a, b, c]: [f32; 3]) -> f32 {
 
 /// Median of the levels' logarithms; the mean of the middle two of an even number.
 fn median_logarithm(levels: &mut [u8]) -> f32 {
-    levels.sort_unstable();
-    let upper = levels.len() / 2;
-    let lower = (levels.len() - 1) / 2;
-    (logarithm(levels[lower]) + logarithm(levels[upper])) / 2.0
+    let is_odd = levels.len() % 2 == 1;
+    let (before, &mut upper, _) = levels.select_nth_unstable(levels.len() / 2);
+    let lower = match before.iter().max() {
+        Some(&lower) if !is_odd => lower,
+        _ => upper,
+    };
+    (logarithm(lower) + logarithm(upper)) / 2.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disc of one colour on a floor of another.
+    fn disc(floor: [u8; 3], ball: [u8; 3]) -> PatchColours {
+        std::array::from_fn(|index| {
+            let [row, column] = [index / SIDE, index % SIDE].map(|at| at as f32 - 5.5);
+            Some(if row * row + column * column < 7.0 {
+                ball
+            } else {
+                floor
+            })
+        })
+    }
+
+    #[test]
+    fn normalized_patch_does_not_depend_on_exposure_and_colour_cast() {
+        let plain = normalize_patch(PatchKind::Ball, &disc([40, 80, 60], [100, 90, 50]));
+        let cast = normalize_patch(PatchKind::Ball, &disc([80, 40, 90], [200, 45, 75]));
+        for (index, (plain, cast)) in plain.iter().zip(cast).enumerate() {
+            // The offset of the logarithm and rounding leave a little.
+            assert!((plain - cast).abs() < 0.35, "{index}: {plain} {cast}");
+        }
+        assert!(plain[0].abs() < 1e-6 && plain[SAMPLES / 2 + SIDE / 2] > 0.1);
+    }
+
+    #[test]
+    fn samples_outside_the_image_do_not_count_as_obstacle() {
+        let mut colours = disc([40, 80, 60], [10, 10, 10]);
+        colours[SAMPLES - SIDE..].fill(None);
+        let input = normalize_patch(PatchKind::Obstacle, &colours);
+        assert!(
+            input[SAMPLES - SIDE..SAMPLES]
+                .iter()
+                .all(|&value| value == 0.0)
+        );
+    }
+
+    #[test]
+    fn median_of_levels_is_that_of_their_logarithms() {
+        let mean = (logarithm(20) + logarithm(30)) / 2.0;
+        assert!((median_logarithm(&mut [50, 10, 30, 20]) - mean).abs() < 1e-6);
+        assert!((median_logarithm(&mut [50, 10, 30]) - logarithm(30)).abs() < 1e-6);
+    }
 }

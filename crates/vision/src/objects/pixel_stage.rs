@@ -1,8 +1,9 @@
-//! The second stage: which candidates are balls, robots and people, judged by their pixels (docs/methods.md 4.8).
+//! The second stage: which candidates are balls, robots and people, judged by their pixels (docs/methods.md 4.9).
 //!
 //! Candidates come from grids that know no colour, and from the detectors of the ball's colour and of the carpet's end.
 
 use localize::frames::At;
+use localize::math;
 use localize::robot::CameraConfig;
 use localize::world::TeamColour;
 
@@ -130,7 +131,7 @@ impl PixelStage {
         let view_angle = candidate.view_angle + edges.away * candidate.ball.half_height;
         let azimuth = candidate.azimuth + edges.aside * candidate.ball.half_width;
         let centre_height = config.viewpoint_height - config.ball_radius;
-        let range = centre_height * view_angle.tan();
+        let range = centre_height * math::tan(view_angle);
         if !(range > 0.0 && range <= config.ball_range_max) {
             return None;
         }
@@ -141,7 +142,7 @@ impl PixelStage {
         let [ex, ey] = ground_direction(input.map, contact_px)?;
         // Ground that half a ball covers along the view.
         let footprint =
-            config.viewpoint_height / view_angle.cos().powi(2) * candidate.ball.half_height;
+            config.viewpoint_height / math::cos(view_angle).powi(2) * candidate.ball.half_height;
         let (along, across) = (0.02 + 0.15 * footprint, 0.01 + 0.02 * range);
         let row_px = self
             .angles
@@ -280,7 +281,7 @@ impl PixelStage {
         let step = obstacle_row_step(foot.range, self.angles.height);
         for row in 1..=MARKER_ROWS {
             for aside in MARKER_COLUMNS {
-                let azimuth = foot.azimuth + aside.atan2(foot.range);
+                let azimuth = foot.azimuth + math::atan2(aside, foot.range);
                 let [u, v] = self
                     .angles
                     .position_px(view_angle + row as f32 * step, azimuth)

@@ -5,6 +5,8 @@
 
 use std::f32::consts::TAU;
 
+use localize::math;
+
 use crate::optics::ground_map::GroundMap;
 use crate::optics::image_polar::nearest_pixel;
 
@@ -33,11 +35,30 @@ pub(crate) struct ViewAngles {
     radius_px: Vec<f32>,
 }
 
+/// Radii along one azimuth, between two of the table.
+pub(crate) struct Ray<'a> {
+    before: &'a [f32],
+    after: &'a [f32],
+    across: f32,
+}
+
+impl Ray<'_> {
+    /// Radius in pixels at a view angle; NaN if the image does not show it.
+    pub(crate) fn radius_px(&self, view_angle: f32) -> f32 {
+        let place = (view_angle - ANGLE_FIRST) / ANGLE_STEP;
+        let place = place.clamp(0.0, ANGLES as f32 - 1.001);
+        let (lower, part) = (place as usize, place.fract());
+        let along = |radii: &[f32]| radii[lower] + part * (radii[lower + 1] - radii[lower]);
+        let (before, after) = (along(self.before), along(self.after));
+        before + self.across * (after - before)
+    }
+}
+
 impl ViewAngles {
     pub(crate) fn new(map: &GroundMap, centre_px: [f32; 2], height: f32) -> Self {
         let mut radius_px = Vec::with_capacity(AZIMUTHS * ANGLES);
         for index in 0..AZIMUTHS {
-            let azimuth = (TAU * index as f32 / AZIMUTHS as f32).sin_cos();
+            let azimuth = math::sin_cos(TAU * index as f32 / AZIMUTHS as f32);
             radius_px.extend(radii_along(map, centre_px, height, azimuth));
         }
         ViewAngles {
@@ -47,26 +68,28 @@ impl ViewAngles {
         }
     }
 
-    /// Radius in pixels of a direction; NaN if the image does not show it.
-    pub(crate) fn radius_px(&self, view_angle: f32, azimuth: f32) -> f32 {
-        let place = (view_angle - ANGLE_FIRST) / ANGLE_STEP;
-        let place = place.clamp(0.0, ANGLES as f32 - 1.001);
-        let (lower, part) = (place as usize, place.fract());
+    /// The radii along one azimuth.
+    pub(crate) fn ray(&self, azimuth: f32) -> Ray<'_> {
         let turns = (azimuth / TAU).rem_euclid(1.0) * AZIMUTHS as f32;
         let (before, across) = (turns as usize % AZIMUTHS, turns.fract());
         let after = (before + 1) % AZIMUTHS;
-        let along = |azimuth: usize| {
-            let at = azimuth * ANGLES + lower;
-            self.radius_px[at] + part * (self.radius_px[at + 1] - self.radius_px[at])
-        };
-        let (before, after) = (along(before), along(after));
-        before + across * (after - before)
+        let radii = |azimuth: usize| &self.radius_px[azimuth * ANGLES..(azimuth + 1) * ANGLES];
+        Ray {
+            before: radii(before),
+            after: radii(after),
+            across,
+        }
+    }
+
+    /// Radius in pixels of a direction; NaN if the image does not show it.
+    pub(crate) fn radius_px(&self, view_angle: f32, azimuth: f32) -> f32 {
+        self.ray(azimuth).radius_px(view_angle)
     }
 
     /// Image position of a direction: column and row, pixels; NaN if the image does not show it.
     pub(crate) fn position_px(&self, view_angle: f32, azimuth: f32) -> [f32; 2] {
         let radius = self.radius_px(view_angle, azimuth);
-        let (sin, cos) = azimuth.sin_cos();
+        let (sin, cos) = math::sin_cos(azimuth);
         [
             self.centre_px[0] + radius * cos,
             self.centre_px[1] - radius * sin,
@@ -75,7 +98,7 @@ impl ViewAngles {
 
     /// View angle of the ground at a distance, radians.
     pub(crate) fn ground_angle(&self, range: f32) -> f32 {
-        range.atan2(self.height)
+        math::atan2(range, self.height)
     }
 
     /// Distance of the ground at a view angle, metres; infinite at the horizon and above.
@@ -83,14 +106,14 @@ impl ViewAngles {
         if view_angle >= std::f32::consts::FRAC_PI_2 {
             f32::INFINITY
         } else {
-            self.height * view_angle.tan()
+            self.height * math::tan(view_angle)
         }
     }
 }
 
 /// Radius of each view angle along one azimuth (sine, cosine).
 fn radii_along(map: &GroundMap, centre_px: [f32; 2], height: f32, azimuth: (f32, f32)) -> Vec<f32> {
-    let diagonal = (map.width_px as f32).hypot(map.height_px as f32);
+    let diagonal = math::hypot(map.width_px as f32, map.height_px as f32);
     let mut radii = vec![f32::NAN; ANGLES];
     // View angle and radius of the previous ground pixel; angles are made monotone.
     let mut last: Option<(f32, f32)> = None;
@@ -104,7 +127,7 @@ fn radii_along(map: &GroundMap, centre_px: [f32; 2], height: f32, azimuth: (f32,
         let Some(ground) = map.at(u as usize, v as usize) else {
             continue;
         };
-        let angle = ground.distance().atan2(height);
+        let angle = math::atan2(ground.distance(), height);
         let (angle_before, radius_before) = last.unwrap_or((angle, radius));
         let angle = angle.max(angle_before);
         while next < ANGLES {

@@ -126,10 +126,13 @@ impl GroundMap {
         path: &Path,
         [width_px, height_px]: [usize; 2],
     ) -> Result<Self, GroundMapError> {
-        Self::load_array_pair(path, Some([height_px, width_px]))
+        Self::load_array_pair(path, Some(([height_px, width_px], "the camera")))
     }
 
-    fn load_array_pair(path: &Path, shape: Option<[usize; 2]>) -> Result<Self, GroundMapError> {
+    fn load_array_pair(
+        path: &Path,
+        shape: Option<([usize; 2], &str)>,
+    ) -> Result<Self, GroundMapError> {
         let file = |source| GroundMapError::File {
             path: path.to_owned(),
             source,
@@ -137,7 +140,8 @@ impl GroundMap {
         let mut archive =
             NpzArchive::new(BufReader::new(File::open(path).map_err(file)?)).map_err(file)?;
         let (x, shape) = read_array(&mut archive, path, "x_m", shape)?;
-        let (y, [height_px, width_px]) = read_array(&mut archive, path, "y_m", Some(shape))?;
+        let (y, [height_px, width_px]) =
+            read_array(&mut archive, path, "y_m", Some((shape, "x_m")))?;
         Ok(GroundMap {
             width_px,
             height_px,
@@ -183,7 +187,7 @@ fn read_array(
     archive: &mut NpzArchive<BufReader<File>>,
     path: &Path,
     name: &str,
-    expected: Option<[usize; 2]>,
+    expected: Option<([usize; 2], &str)>,
 ) -> Result<(Vec<f32>, [usize; 2]), GroundMapError> {
     let content = |reason: String| GroundMapError::Content {
         path: path.to_owned(),
@@ -214,9 +218,9 @@ fn read_array(
         )));
     }
     let shape = [rows as usize, columns as usize];
-    if let Some(expected) = expected.filter(|expected| *expected != shape) {
+    if let Some((expected, source)) = expected.filter(|(expected, _)| *expected != shape) {
         return Err(content(format!(
-            "wrong shape of {name}: {rows} × {columns} (expected {} × {} rows × columns)",
+            "wrong shape of {name}: {rows} × {columns} (expected {} × {} rows × columns, as {source})",
             expected[0], expected[1]
         )));
     }

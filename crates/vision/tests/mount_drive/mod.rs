@@ -52,7 +52,10 @@ impl Optics {
         let profile = Profile::load(&robot.mirror.expect("a mirror").profile).expect("profile");
         let (inner, outer) = profile.radii();
         Optics {
-            camera: robot.camera.expect("a camera"),
+            camera: robot
+                .camera
+                .and_then(|camera| camera.camera())
+                .expect("a camera"),
             height: profile.height_and_slope((inner + outer) / 2.0).0 as f32,
             profile,
         }

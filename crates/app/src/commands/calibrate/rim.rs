@@ -78,7 +78,7 @@ pub(super) fn run(args: &RimArgs, json: bool) -> Result<()> {
         rim.radius_px
     );
     if let Some(path) = &args.out {
-        std::fs::write(path, &section)
+        vision::output_file::write_file(path, &section)
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     if let Some(path) = &args.picture {

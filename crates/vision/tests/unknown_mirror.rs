@@ -1,0 +1,165 @@
+//! Calibration from images and the field alone, against the exact map of the sample.
+
+use std::path::{Path, PathBuf};
+
+use localize::Field;
+use vision::calibrate::{CalibrationError, NamedImage, calibrate_unknown_mirror, find_rim};
+use vision::{GroundMap, Image, VisionConfig};
+
+fn folder(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../samples")
+        .join(name)
+}
+
+fn images(numbers: impl Iterator<Item = usize>) -> Vec<NamedImage> {
+    numbers
+        .map(|number| {
+            let name = format!("frames/{number:03}.jpg");
+            NamedImage {
+                image: Image::load(&folder("sequence").join(&name)).expect("an image"),
+                name,
+            }
+        })
+        .collect()
+}
+
+fn field(name: &str) -> Field {
+    Field::load(
+        &Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../..")
+            .join(name),
+    )
+    .expect("a field")
+}
+
+/// Median distance between two maps over the pixels whose true range lies in an interval, metres.
+fn median_map_error(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
+    let mut offs: Vec<f32> = (0..exact.height_px)
+        .flat_map(|v| (0..exact.width_px).map(move |u| (u, v)))
+        .filter_map(|(u, v)| {
+            let truth = exact.at(u, v)?;
+            let inside = (from..to).contains(&truth.distance());
+            Some(found.at(u, v)?.distance_to(truth)).filter(|_| inside)
+        })
+        .collect();
+    offs.sort_by(f32::total_cmp);
+    offs[offs.len() / 2]
+}
+
+#[test]
+fn map_is_found_from_ten_images_and_the_field_alone() {
+    let exact = GroundMap::load(&folder("calibration").join("exact_map.npz")).expect("a map");
+    let found = calibrate_unknown_mirror(
+        [480, 480],
+        &field("samples/sequence/field.toml"),
+        &[],
+        &images((0..20).step_by(2)),
+        &VisionConfig::default(),
+        &|_| (),
+    )
+    .expect("a map");
+    let map = &found.calibration.map;
+    // In the robot frame itself: the origin is below the axis, and forward is up in the sample, too.
+    let (near, far) = (
+        median_map_error(map, &exact, 0.5, 3.0),
+        median_map_error(map, &exact, 3.0, 5.0),
+    );
+    assert!(near <= 0.02, "median {near} m inside 3 m");
+    assert!(far <= 0.03, "median {far} m from 3 to 5 m");
+    let apart = found.disagreement.expect("ten images have halves");
+    assert!(apart.near < 0.02, "{apart:?}");
+}
+
+#[test]
+fn wrong_field_is_refused_and_the_right_one_is_named() {
+    let others = [("18x12".to_owned(), field("samples/sequence/field.toml"))];
+    let refused = calibrate_unknown_mirror(
+        [480, 480],
+        &field("config/fields/msl_12x8.toml"),
+        &others,
+        &images((0..20).step_by(3)),
+        &VisionConfig::default(),
+        &|_| (),
+    );
+    match refused {
+        Err(error @ CalibrationError::WrongField { .. }) => {
+            assert!(error.to_string().contains("18x12"), "{error}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn images_without_lines_are_refused_by_name() {
+    let mut images = images(0..4);
+    for image in &mut images {
+        image
+            .image
+            .rgb
+            .chunks_exact_mut(3)
+            .for_each(|pixel| pixel.copy_from_slice(&[60, 140, 80]));
+    }
+    let refused = calibrate_unknown_mirror(
+        [480, 480],
+        &field("samples/sequence/field.toml"),
+        &[],
+        &images,
+        &VisionConfig::default(),
+        &|_| (),
+    );
+    match refused {
+        Err(error @ CalibrationError::TooFewImages { .. }) => {
+            assert!(error.to_string().contains("frames/000.jpg"), "{error}");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn rim_of_one_image_is_within_three_pixels() {
+    for image in images([0, 7, 13].into_iter()) {
+        let rim = find_rim(&[&image.image]).expect("a rim");
+        // robot.toml of the sample: centre 238.9, 241.3 and radius 234.
+        let [u, v] = rim.centre_px;
+        assert!(
+            (u - 238.9).abs() < 2.0 && (v - 241.3).abs() < 2.0,
+            "{rim:?}"
+        );
+        assert!((rim.radius_px - 234.0).abs() < 3.0, "{rim:?}");
+    }
+}
+
+/// A disc of several greys whose rim the image's edges cut, as most cameras see it.
+fn cropped_disc(centre: [f32; 2], radius: f32) -> Image {
+    let (width_px, height_px) = (160, 120);
+    let mut rgb = Vec::new();
+    for (v, u) in (0..height_px).flat_map(|v| (0..width_px).map(move |u| (v, u))) {
+        let inside = localize::math::hypot(u as f32 - centre[0], v as f32 - centre[1]) < radius;
+        let level = if inside {
+            70 + (u * 7 + v * 13) as u8 % 90
+        } else {
+            9
+        };
+        rgb.extend([level; 3]);
+    }
+    Image {
+        width_px,
+        height_px,
+        rgb,
+    }
+}
+
+#[test]
+fn rim_that_the_image_cuts_is_found_from_its_corners() {
+    let image = cropped_disc([82.0, 57.5], 90.0);
+    let rim = find_rim(&[&image]).expect("a rim");
+    let [u, v] = rim.centre_px;
+    assert!((u - 82.0).abs() < 1.5 && (v - 57.5).abs() < 1.5, "{rim:?}");
+    assert!((rim.radius_px - 90.0).abs() < 1.5, "{rim:?}");
+}
+
+#[test]
+fn image_without_a_dark_border_has_no_rim() {
+    assert!(find_rim(&[&cropped_disc([80.0, 60.0], 400.0)]).is_err());
+}

@@ -1,0 +1,228 @@
+"""Trains the networks that judge balls, robots and people by their pixels; writes objects.weights.
+
+`python py/training/train_objects.py --labelled Y3 --labelled Y1:MAP.npz:241:239 --simulated EXPORT... --out objects.weights`
+
+Labelled folders hold object_labels.csv; a map and a centre may follow after colons. Simulated folders are exports of
+logs (`mirrorball replay LOG --export DIR`). Equal inputs and seeds give equal weights.
+"""
+
+from __future__ import annotations
+
+import argparse
+import colorsys
+from pathlib import Path
+
+import numpy as np
+import patches
+from networks import CoarseNetwork, Network, PatchNetwork, logistic, softmax, write_weights
+from numpy.typing import NDArray
+from recordings import PERSON, Camera, Samples, labelled_objects, simulated_objects
+from samples import sample_image
+
+EPOCHS = 8
+BATCH_POSITIVE = 64
+COMPOSITES = 4000
+CHANNEL_ORDERS = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (2, 1, 0), (1, 2, 0), (2, 0, 1)]
+AWAY, ASIDE = np.meshgrid(patches.PLACES * patches.BALL_STEP, patches.PLACES * patches.BALL_STEP, indexing="ij")
+
+Colours = NDArray[np.float64]
+
+
+def disc(radius: float, soft: float, away: float, aside: float) -> Colours:
+    """Soft mask of a disc in a ball's patch, radii."""
+    return np.clip((radius + soft / 2 - np.hypot(AWAY - away, ASIDE - aside)) / soft, 0, 1)[..., None]
+
+
+def painted_ball(rng: np.random.Generator) -> Colours:
+    """A ball of any colour, shaded, sometimes of two colours."""
+    colour = np.array(colorsys.hsv_to_rgb(rng.random(), rng.choice([0, 0.1, 0.3, 0.6, 0.9]), rng.uniform(0.25, 1))) * 255
+    ball = np.broadcast_to(colour, (patches.SIDE, patches.SIDE, 3)).copy()
+    if rng.random() < 0.3:
+        angle = rng.uniform(0, 2 * np.pi)
+        part = np.cos(angle) * ASIDE + np.sin(angle) * AWAY > rng.uniform(-0.5, 0.5)
+        ball[part] = np.array(colorsys.hsv_to_rgb(rng.random(), rng.choice([0, 0.8]), rng.uniform(0.1, 1))) * 255
+    angle = rng.uniform(0, 2 * np.pi)
+    shade = 1 + rng.uniform(0, 0.45) * (np.cos(angle) * ASIDE + np.sin(angle) * AWAY)
+    return ball * shade[..., None]
+
+
+def composite_balls(real: Colours, backgrounds: Colours, rng: np.random.Generator) -> Colours:
+    """Real and painted balls on other places of the carpet, with shadows, partly hidden."""
+    made = []
+    for _ in range(COMPOSITES):
+        ground = backgrounds[rng.integers(len(backgrounds))]
+        ball = real[rng.integers(len(real))] if rng.random() < 0.5 else painted_ball(rng)
+        radius, away, aside = rng.uniform(0.85, 1.2), *rng.uniform(-0.35, 0.35, 2)
+        shadow = disc(1.15 * radius, 0.8, away + rng.uniform(-0.6, 0.3), aside + rng.uniform(-0.5, 0.5)) * rng.uniform(0, 0.6)
+        mask = disc(radius, rng.uniform(0.2, 0.9), away, aside)
+        patch = ground * (1 - shadow) * (1 - mask) + np.clip(ball * np.exp(rng.uniform(-0.3, 0.3)), 0, 255) * mask
+        if rng.random() < 0.12:
+            angle = rng.uniform(0, 2 * np.pi)
+            patch[np.cos(angle) * ASIDE + np.sin(angle) * AWAY > rng.uniform(0.2, 0.7)] = rng.uniform(5, 70)
+        inner, floor = np.hypot(AWAY, ASIDE) < 0.8, patches.FLOOR["ball"]
+        contrast = np.log(patch[inner] + 8).mean(0) - np.log(ground[floor] + 8).mean(0)
+        if np.abs(contrast).mean() > 0.18:
+            made.append(patch)
+    return np.array(made)
+
+
+def composite_others(backgrounds: Colours, rng: np.random.Generator) -> Colours:
+    """Discs that are no ball: beside the centre, too large, too small."""
+    made = []
+    for _ in range(COMPOSITES // 2):
+        ground = backgrounds[rng.integers(len(backgrounds))]
+        angle = rng.uniform(0, 2 * np.pi)
+        if rng.random() < 0.6:
+            length = rng.uniform(1.0, 1.9)
+            mask = disc(rng.uniform(0.8, 1.2), 0.4, length * np.sin(angle), length * np.cos(angle))
+        elif rng.random() < 0.6:
+            mask = disc(rng.uniform(1.9, 3.5), 0.4, 0.3 * np.sin(angle), 0.3 * np.cos(angle))
+        else:
+            mask = disc(rng.uniform(0.2, 0.5), 0.3, 0, 0)
+        made.append(ground * (1 - mask) + painted_ball(rng) * mask)
+    return np.array(made)
+
+
+def augment(colours: NDArray[np.generic], rng: np.random.Generator) -> Colours:
+    """Mirrors, gamma, colour casts, exchanged channels, noise, veiling light."""
+    count = len(colours)
+    patch = colours.astype(float)
+    mirrored = rng.random(count) < 0.5
+    patch[mirrored] = patch[mirrored][:, :, ::-1]
+    each = (count, 1, 1, 1)
+    patch = 255 * np.clip(patch / 255, 0, 1) ** np.exp(rng.uniform(-0.25, 0.25, each))
+    patch = patch * np.exp(rng.uniform(-0.35, 0.35, (count, 1, 1, 3))) * np.exp(rng.uniform(-0.3, 0.2, each))
+    order = rng.integers(len(CHANNEL_ORDERS), size=count)
+    for number, channels in enumerate(CHANNEL_ORDERS):
+        patch[order == number] = patch[order == number][..., channels]
+    patch = patch + rng.normal(size=patch.shape) * rng.uniform(0, 6, each)
+    veil = rng.uniform(0, 0.15, each)
+    return np.clip(patch * (1 - veil) + veil * rng.uniform(60, 200, each), 0, 255)
+
+
+def _hardness(network: PatchNetwork, kind: str, colours: NDArray[np.generic], inside: NDArray[np.bool_]) -> Colours:
+    """Probability with which each counterexample is drawn: the more it looks like an object, the more often."""
+    scores = []
+    for start in range(0, len(colours), 2000):
+        part = slice(start, start + 2000)
+        outputs = network.forward(patches.normalize(kind, colours[part], inside[part]))
+        scores.append(logistic(outputs)[:, 0] if kind == "ball" else 1 - softmax(outputs)[:, 0])
+    hardness = np.concatenate(scores).astype(float) + 0.01
+    return hardness / hardness.sum()
+
+
+def train(
+    kind: str,
+    objects: tuple[NDArray[np.generic], NDArray[np.bool_], NDArray[np.int_], Colours],
+    others: tuple[NDArray[np.generic], NDArray[np.bool_]],
+    *,
+    steps: int,
+    seed: int,
+) -> tuple[CoarseNetwork, PatchNetwork]:
+    """Trains both networks of a kind. `objects`: patches, inside, class and weight; `others`: patches, inside."""
+    rng = np.random.default_rng(seed)
+    colours, inside, labels, weights = objects
+    outputs = 1 if kind == "ball" else 3
+    network = PatchNetwork(patches.SIDE, outputs, seed)
+    coarse = CoarseNetwork(3 * len(patches.COARSE) ** 2, seed)
+    negatives = 2 * BATCH_POSITIVE
+    total = BATCH_POSITIVE + negatives
+    is_object = np.r_[np.ones(BATCH_POSITIVE), np.zeros(negatives)].astype(np.float32)[:, None]
+    hard = np.full(len(others[0]), 1 / len(others[0]))
+    for epoch in range(EPOCHS):
+        rate = 0.002 * (1 + np.cos(np.pi * epoch / EPOCHS)) + 1e-4
+        if epoch:
+            hard = _hardness(network, kind, *others)
+        for _ in range(steps):
+            positive = rng.choice(len(colours), BATCH_POSITIVE, p=weights)
+            negative = rng.choice(len(others[0]), negatives, p=hard)
+            patch = augment(np.concatenate([colours[positive], others[0][negative]]), rng)
+            known = np.concatenate([inside[positive], others[1][negative]])
+            result = network.forward(patches.normalize(kind, patch, known))
+            if kind == "ball":
+                error = logistic(result) - is_object
+            else:
+                wanted = np.zeros((total, outputs), np.float32)
+                wanted[np.arange(BATCH_POSITIVE), labels[positive]] = 1
+                wanted[BATCH_POSITIVE:, 0] = 1
+                error = softmax(result) - wanted
+            network.step(network.backward((error / total).astype(np.float32)), rate)
+            # The coarse network meets all places, not only the hard ones.
+            easy = rng.integers(len(others[0]), size=negatives)
+            patch = np.concatenate([patch[:BATCH_POSITIVE], augment(others[0][easy], rng)])
+            known = np.concatenate([inside[positive], others[1][easy]])
+            result = coarse.forward(patches.normalize(kind, patches.coarse(patch), patches.coarse(known)))
+            coarse.step(coarse.backward(((logistic(result) - is_object) / total).astype(np.float32)), rate)
+        print(f"{kind}: epoch {epoch + 1} of {EPOCHS}", flush=True)
+    return coarse, network
+
+
+def train_ball(samples: list[Samples], *, steps: int, seed: int) -> list[Network]:
+    """Networks of the ball."""
+    rng = np.random.default_rng(seed)
+    real = np.concatenate([ball for sample in samples for ball in sample.balls]).astype(float)
+    backgrounds = np.concatenate([sample.ball_backgrounds for sample in samples]).astype(float)
+    composites = composite_balls(real, backgrounds, rng)
+    negatives = [sample.ball_negatives for sample in samples]
+    others = np.concatenate([*negatives, composite_others(backgrounds, rng)]).astype(np.float32)
+    colours = np.concatenate([real, composites]).astype(np.float32)
+    weights = np.r_[np.ones(len(real)), 0.5 * np.ones(len(composites))]
+    everywhere = [np.ones(part.shape[:3], bool) for part in (colours, others)]
+    labels = np.ones(len(colours), int)
+    objects = (colours, everywhere[0], labels, weights / weights.sum())
+    return list(train("ball", objects, (others, everywhere[1]), steps=steps, seed=seed))
+
+
+def train_obstacle(samples: list[Samples], simulated: set[str], *, steps: int, seed: int) -> list[Network]:
+    """Networks of robots and people; each object weighs the same, simulated ones less, people more."""
+    colours, inside, labels, weights = [], [], [], []
+    for sample in samples:
+        counts = np.bincount([number for _, number, _, _ in sample.obstacles], minlength=1)
+        for kind, number, patch, known in sample.obstacles:
+            colours.append(patch)
+            inside.append(known)
+            labels.append(kind)
+            weights.append((0.3 if sample.camera in simulated else 1.0) * (1.3 if kind == PERSON else 1.0) / counts[number])
+    share = np.array(weights) / np.sum(weights)
+    objects = (np.array(colours), np.array(inside), np.array(labels), share)
+    others = (
+        np.concatenate([sample.obstacle_negatives for sample in samples]),
+        np.concatenate([sample.obstacle_inside for sample in samples]),
+    )
+    return list(train("obstacle", objects, others, steps=steps, seed=seed))
+
+
+def labelled_camera(text: str) -> Camera:
+    """A camera of `FOLDER[:MAP.npz[:U:V]]`."""
+    folder, *rest = text.split(":")
+    centre = (float(rest[1]), float(rest[2])) if len(rest) == 3 else None
+    return Camera(Path(folder), map_file=Path(rest[0]) if rest else None, centre_px=centre)
+
+
+def main() -> None:
+    """Reads the recordings, trains, writes the weights."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--labelled", action="append", default=[], metavar="DIR[:MAP[:U:V]]")
+    parser.add_argument("--simulated", action="append", default=[], metavar="DIR")
+    parser.add_argument("--steps", type=int, default=250, help="steps of each of the eight epochs")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, required=True)
+    args = parser.parse_args()
+    rng = np.random.default_rng(args.seed)
+    samples = []
+    recordings = [(labelled_camera(text), True) for text in args.labelled]
+    recordings += [(Camera(Path(text)), False) for text in args.simulated]
+    for camera, labelled in recordings:
+        objects = labelled_objects(camera) if labelled else simulated_objects(camera)
+        for stamp, file in camera.frames:
+            balls, obstacles = objects.get(stamp, ([], []))
+            samples.append(sample_image(camera, file, balls, obstacles, rng))
+        print(f"{camera.folder}: {len(camera.frames)} pictures", flush=True)
+    simulated = {Path(text).name for text in args.simulated}
+    networks = train_ball(samples, steps=args.steps, seed=args.seed)
+    networks += train_obstacle(samples, simulated, steps=args.steps, seed=args.seed)
+    write_weights(args.out, networks)
+
+
+if __name__ == "__main__":
+    main()
