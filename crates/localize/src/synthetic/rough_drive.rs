@@ -128,18 +128,19 @@ impl RoughDriveConfig {
     /// Blind for two seconds in every eight, then three images of outliers, with wheels of unequal radius and an error of
     /// 2 %: more would not allow 2 cm after two seconds.
     pub fn blind_with_unequal_wheels() -> Self {
-        let mut drive = RoughDriveConfig::default();
-        drive.wheels = WheelErrors {
-            scale: 1.0,
-            radius_ratio: [1.03, 1.02, 1.04],
-            white_share: 0.02,
-            white_position: 0.0005,
-            white_heading: 0.0005,
-            slow_share: 0.0,
-        };
-        drive.blind = Some((8.0, 2.0));
-        drive.dazzled_share = 0.87;
-        drive
+        RoughDriveConfig {
+            wheels: WheelErrors {
+                scale: 1.0,
+                radius_ratio: [1.03, 1.02, 1.04],
+                white_share: 0.02,
+                white_position: 0.0005,
+                white_heading: 0.0005,
+                slow_share: 0.0,
+            },
+            blind: Some((8.0, 2.0)),
+            dazzled_share: 0.87,
+            ..RoughDriveConfig::default()
+        }
     }
 }
 

@@ -28,6 +28,8 @@ pub struct UnknownMirror {
     pub camera: CameraConfig,
     /// The rim. None if the images do not show it.
     pub rim: Option<Rim>,
+    /// Share of the line points that a mirror of revolution explains, in the images of the search.
+    pub search_share: f64,
     /// Map, poses and residuals.
     pub calibration: LinesCalibration,
     /// Disagreement of the maps of two halves of the images. None for fewer than eight used images.
@@ -55,6 +57,9 @@ const UNDECIDED_MARGIN: f64 = 0.05;
 
 /// Another field must explain this much more of the points.
 const BETTER_FIELD_MARGIN: f64 = 0.08;
+
+/// The same if the calibration with the given field passes all other checks.
+const BETTER_FIELD_MARGIN_ACCEPTED: f64 = 0.2;
 
 /// Images that the map does not explain have a camera of their own from this score on.
 const SECOND_CAMERA_SCORE: f64 = 0.75;
@@ -102,8 +107,17 @@ pub fn calibrate_unknown_mirror(
         Err(error) => matches!(error, CalibrationError::Undecided(_)),
     };
     if doubtful {
-        // The most frequent reason is the field file.
-        attempt.ensure_no_better_field(field, other_fields)?;
+        // The most frequent reason is the field file. The shorter search of the comparison may fail on the right field, so
+        // a calibration that is otherwise accepted counts with its own score.
+        let accepted = result
+            .as_ref()
+            .ok()
+            .filter(|found| found.ensure_accepted().is_ok());
+        let least = match accepted {
+            Some(found) => found.search_share + BETTER_FIELD_MARGIN_ACCEPTED,
+            None => 0.0,
+        };
+        attempt.ensure_no_better_field(field, other_fields, least)?;
     }
     progress(1.0);
     let found = result?;
@@ -255,6 +269,7 @@ impl Attempt<'_> {
         Ok(UnknownMirror {
             camera,
             rim,
+            search_share: ranked.first().map_or(0.0, |best| best.score),
             calibration,
             disagreement,
         })
@@ -303,6 +318,7 @@ impl Attempt<'_> {
         &self,
         field: &Field,
         others: &[(String, Field)],
+        least: f64,
     ) -> Result<(), CalibrationError> {
         let chosen = choose_images(self.all, FIELD_IMAGES);
         let score = |field: &Field| {
@@ -315,7 +331,7 @@ impl Attempt<'_> {
             .map(|(name, other)| (name, score(other)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
         match best {
-            Some((name, other)) if other > own + BETTER_FIELD_MARGIN => {
+            Some((name, other)) if other > (own + BETTER_FIELD_MARGIN).max(least) => {
                 Err(CalibrationError::WrongField {
                     share_percent: (100.0 * own) as u32,
                     hint: format!("{name} fits better, with {:.0} %", 100.0 * other),
