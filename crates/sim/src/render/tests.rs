@@ -299,7 +299,7 @@ fn rolling_shutter_turns_rows_by_the_yaw_of_their_time() {
     let film = fixture.sensor_config;
     let mut render = |theta: f32, motion: CameraMotion| {
         let scene = Scene {
-            pose: Pose { theta, ..pose },
+            pose: Pose::new(pose.x, pose.y, theta),
             motion,
             ..Scene::default()
         };
