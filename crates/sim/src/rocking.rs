@@ -133,9 +133,9 @@ impl Rocking {
         let per = self.config.tilt_per_acceleration_deg.to_radians();
         let size = acceleration[0].hypot(acceleration[1]);
         let limit = ACCELERATION_MAX / size.max(ACCELERATION_MAX);
-        for k in 0..2 {
+        for (k, acceleration) in acceleration.into_iter().enumerate() {
             // The top stays behind, so that the vertical leans forward in the body's frame.
-            let target = per * limit * acceleration[k];
+            let target = per * limit * acceleration;
             let pull = natural * natural * (target - self.angle[k]);
             // Implicit in the damping, which is then stable for any ratio.
             self.rate[k] =
@@ -143,8 +143,8 @@ impl Rocking {
             self.angle[k] += step * self.rate[k];
         }
         let floor = self.floor_tilt(pose);
-        for k in 0..2 {
-            let tilt = self.angle[k] + floor[k];
+        for (k, floor) in floor.into_iter().enumerate() {
+            let tilt = self.angle[k] + floor;
             self.tilt_rate[k] = (tilt - self.tilt[k]) / step;
             self.tilt[k] = tilt;
         }

@@ -28,6 +28,7 @@ struct MapFile {
     file: PathBuf,
 }
 
+#[expect(clippy::too_many_lines, reason = "a script, from top to bottom")]
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
     let folder = arguments

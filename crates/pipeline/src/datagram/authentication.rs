@@ -134,12 +134,12 @@ impl ReplayGuard {
         if let Some(last) = self.last {
             let is_fresh = if session == last.session {
                 sequence > last.sequence
+            } else if self.ended.contains(&session) {
+                false
             } else if session > last.session {
                 true
             } else {
-                now - last.received >= silence
-                    && self.ended.len() < MAX_ENDED_SESSIONS
-                    && !self.ended.contains(&session)
+                now - last.received >= silence && self.ended.len() < MAX_ENDED_SESSIONS
             };
             if !is_fresh {
                 return Err(RejectReason::Old);

@@ -207,6 +207,10 @@ impl Sim {
     }
 
     /// Sets up a simulation. The robot needs a camera and a mirror profile.
+    #[expect(
+        clippy::too_many_lines,
+        reason = "a list of parts, one after the other"
+    )]
     pub fn new(scenario: Scenario, robot: RobotConfig, field: Field) -> Result<Self, SimError> {
         let missing = |what| SimError::Missing {
             path: scenario.robot.clone(),

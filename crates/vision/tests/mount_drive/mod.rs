@@ -19,15 +19,15 @@ const LINES: usize = 100;
 const STEP_PX: f32 = 1.0;
 const PIXEL_STD: f32 = 0.5;
 
-pub fn config_folder() -> PathBuf {
+pub(crate) fn config_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config")
 }
 
 /// The truth that the map does not know.
 #[derive(Debug, Clone, Copy)]
-pub struct TrueMount {
-    pub mount: Mount,
-    pub focal_scale: f32,
+pub(crate) struct TrueMount {
+    pub(crate) mount: Mount,
+    pub(crate) focal_scale: f32,
 }
 
 impl Default for TrueMount {
@@ -40,14 +40,14 @@ impl Default for TrueMount {
 }
 
 /// A robot's optics.
-pub struct Optics {
-    pub camera: CameraConfig,
-    pub profile: Profile,
-    pub height: f32,
+pub(crate) struct Optics {
+    pub(crate) camera: CameraConfig,
+    pub(crate) profile: Profile,
+    pub(crate) height: f32,
 }
 
 impl Optics {
-    pub fn load(robot: &str) -> Self {
+    pub(crate) fn load(robot: &str) -> Self {
         let robot = RobotConfig::load(&config_folder().join("robots").join(robot)).expect("robot");
         let profile = Profile::load(&robot.mirror.expect("a mirror").profile).expect("profile");
         let (inner, outer) = profile.radii();
@@ -87,17 +87,17 @@ impl Optics {
     }
 }
 
-pub struct DriveConfig {
-    pub speed: f32,
-    pub seconds: f64,
-    pub rate: f64,
-    pub tilt_std_deg: f32,
-    pub outlier_share: f32,
-    pub range_max: f32,
-    pub odometry_noise: f32,
-    pub seed: u64,
+pub(crate) struct DriveConfig {
+    pub(crate) speed: f32,
+    pub(crate) seconds: f64,
+    pub(crate) rate: f64,
+    pub(crate) tilt_std_deg: f32,
+    pub(crate) outlier_share: f32,
+    pub(crate) range_max: f32,
+    pub(crate) odometry_noise: f32,
+    pub(crate) seed: u64,
     /// The mount from a time on.
-    pub mounts: Vec<(f64, TrueMount)>,
+    pub(crate) mounts: Vec<(f64, TrueMount)>,
 }
 
 impl Default for DriveConfig {
@@ -117,13 +117,13 @@ impl Default for DriveConfig {
 }
 
 /// One image's result.
-pub struct Scored {
-    pub seconds: f64,
-    pub error: Option<f32>,
+pub(crate) struct Scored {
+    pub(crate) seconds: f64,
+    pub(crate) error: Option<f32>,
     /// Normalised estimation error squared over its three degrees of freedom.
-    pub nees: f32,
-    pub lost: bool,
-    pub knocks: u32,
+    pub(crate) nees: f32,
+    pub(crate) lost: bool,
+    pub(crate) knocks: u32,
 }
 
 fn normal(rng: &mut impl Rng) -> f32 {
@@ -131,7 +131,7 @@ fn normal(rng: &mut impl Rng) -> f32 {
 }
 
 /// Drives and localizes.
-pub fn drive(
+pub(crate) fn drive(
     optics: &Optics,
     field: &Field,
     localizer: &mut Localizer,
