@@ -161,6 +161,7 @@ fn f32_column<'py, T>(
         .into_pyarray(py)
 }
 
+#[expect(clippy::too_many_lines, reason = "a list of columns")]
 fn detection_columns<'py>(
     py: Python<'py>,
     detections: &Detections,
