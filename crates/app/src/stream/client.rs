@@ -46,7 +46,7 @@ pub enum StreamEvent {
     Header(Box<Header>),
     /// A cycle, with its encoded image if the stream carries images.
     Cycle(Box<LoggedCycle>),
-    /// Texts about the settings by their names ([`NONCE`], [`MESSAGE`]).
+    /// Texts about the settings by their names (`NONCE`, `MESSAGE` of `parameters`).
     Settings(BTreeMap<String, String>),
 }
 
