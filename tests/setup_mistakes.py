@@ -1,6 +1,6 @@
 """Recording folders with one typical mistake each, made from a right one.
 
-As a script: `python3 tests/setup_mistakes.py samples/sequence /tmp/wrong` makes all of them.
+As a script: `python3 tests/setup_mistakes.py samples/sequence wrong` makes all of them.
 """
 
 import math
