@@ -55,10 +55,7 @@ fn mean_from(scored: &[Scored], from: f64) -> (f32, f32) {
     )
 }
 
-#[test]
-fn an_unknown_mount_is_learned_while_driving() {
-    // The hyperbolic mirror is not among the robots: its covariance is too small (NEES 7 instead of 1).
-    let robot = "default.toml";
+fn check_unknown_mount(robot: &str) {
     let config = DriveConfig {
         seconds: 15.0,
         mounts: vec![(0.0, wrong())],
@@ -67,12 +64,23 @@ fn an_unknown_mount_is_learned_while_driving() {
     let (before, _) = mean_from(&run(robot, false, &config), 8.0);
     let healed = run(robot, true, &config);
     let (after, nees) = mean_from(&healed, 8.0);
-    assert!(before > 0.025, "{before} m without the correction");
-    assert!(after < 0.015, "{after} m, {before} m without");
-    assert!(nees < 2.0, "{nees}");
+    assert!(before > 0.025, "{robot}: {before} m without the correction");
+    assert!(after < 0.015, "{robot}: {after} m, {before} m without");
+    assert!(nees < 2.0, "{robot}: {nees}");
     let (_, nees) = mean_from(&healed, 0.0);
-    assert!(nees < 2.0, "{nees} from the start on");
-    assert!(healed.iter().all(|image| !image.lost));
+    assert!(nees < 2.0, "{robot}: {nees} from the start on");
+    assert!(healed.iter().all(|image| !image.lost), "{robot}");
+}
+
+#[test]
+fn an_unknown_mount_is_learned_while_driving() {
+    check_unknown_mount("default.toml");
+}
+
+#[test]
+#[ignore = "not met: the covariance of this mirror is too small, NEES 7"]
+fn an_unknown_mount_of_a_hyperbolic_mirror_is_learned_while_driving() {
+    check_unknown_mount("hyperbolic.toml");
 }
 
 #[test]

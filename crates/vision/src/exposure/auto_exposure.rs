@@ -42,7 +42,7 @@ const ARRIVAL_FRAMES_MAX: u64 = 8;
 /// Levels outside this range are too clipped to estimate the response.
 pub(super) const VALID_LEVELS: std::ops::RangeInclusive<f32> = 6.0..=235.0;
 /// Commands with a smaller change of the logarithm of the light are not checked: a change of the light could hide them.
-const CHECKED_CHANGE_MIN: f32 = 0.5;
+const CHECKED_CHANGE_MIN: f32 = 0.2;
 /// Smallest effect of a command on the logarithm of the level, per change of the light: half of the flattest response.
 const EFFECT_MIN: f32 = 0.17;
 /// Smallest change of the logarithm of the light that is taken as a new setting, not as rounding by the camera.

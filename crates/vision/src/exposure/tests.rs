@@ -157,38 +157,60 @@ fn reported_settings_replace_assumed_delays_limits_and_starting_values() {
     assert!(auto_exposure.reference_level.is_some() && late_commands == 0);
 }
 
-#[test]
-fn settings_that_are_reported_too_early_do_not_make_the_control_run_away() {
+/// Light of 120 images whose settings are reported `images_early` too early. From image 60 on the scene has a quarter of it.
+fn lights_with_early_reports(images_early: usize) -> Vec<f32> {
     let control = control();
     let config = AutoExposureConfig::default();
-    for images_early in [1, 2] {
-        let mut auto_exposure =
-            AutoExposure::new(&map(), &camera(), None, Some(control), &config).expect("a control");
-        let (mut reported, mut in_force) = (auto_exposure.setting, auto_exposure.setting);
-        let mut changes: Vec<(usize, ExposureCommand)> = Vec::new();
-        let mut lights = Vec::new();
-        for index in 0..120 {
-            for (at, command) in &changes {
-                if at + 1 == index {
-                    reported = command.setting;
-                }
-                if at + 1 + images_early == index {
-                    in_force = command.setting;
-                }
+    let mut auto_exposure =
+        AutoExposure::new(&map(), &camera(), None, Some(control), &config).expect("a control");
+    let (mut reported, mut in_force) = (auto_exposure.setting, auto_exposure.setting);
+    let mut changes: Vec<(usize, ExposureCommand)> = Vec::new();
+    let mut lights = Vec::new();
+    for index in 0..120 {
+        for (at, command) in &changes {
+            if at + 1 == index {
+                reported = command.setting;
             }
-            let taken = control.light(in_force) * if index < 60 { 1.0 } else { 0.25 };
-            lights.push(taken);
-            let image = synthetic_image(taken, 0.45, index);
-            let status = auto_exposure.process(&image.view(), Some(reported));
-            let command = status.and_then(|status| status.command);
-            changes.extend(command.map(|command| (index, command)));
+            if at + 1 + images_early == index {
+                in_force = command.setting;
+            }
         }
-        // The first images after the start and after the step may overshoot.
-        let worst = lights[20..59].iter().chain(&lights[90..]);
-        let worst = worst.fold(0.0f32, |worst, light| worst.max(light / lights[59]));
-        assert!(worst < 1.6, "{images_early} images early: {lights:?}");
-        // Exposure rests while brightness changes little, so the light may settle at another level (docs/figures.md).
-        assert!((lights[119] / lights[59]).ln().abs() < 0.9, "{lights:?}");
+        let taken = control.light(in_force) * if index < 60 { 1.0 } else { 0.25 };
+        lights.push(taken);
+        let image = synthetic_image(taken, 0.45, index);
+        let status = auto_exposure.process(&image.view(), Some(reported));
+        let command = status.and_then(|status| status.command);
+        changes.extend(command.map(|command| (index, command)));
+    }
+    lights
+}
+
+fn check_no_runaway(images_early: usize) {
+    let lights = lights_with_early_reports(images_early);
+    let worst = lights[..59].iter().chain(&lights[90..]);
+    let worst = worst.fold(0.0f32, |worst, light| worst.max(light / lights[59]));
+    assert!(worst < 1.6, "{images_early} images early: {lights:?}");
+}
+
+#[test]
+fn settings_that_are_reported_too_early_do_not_make_the_control_run_away() {
+    for images_early in [1, 2] {
+        check_no_runaway(images_early);
+    }
+}
+
+#[test]
+#[ignore = "not met: 1.8 times the light that it settles at (7.4 times before small commands were checked)"]
+fn settings_that_are_reported_four_images_early_do_not_make_the_control_run_away() {
+    check_no_runaway(4);
+}
+
+#[test]
+#[ignore = "not met: the search for entropy settles at light levels that differ by up to a factor of two"]
+fn settings_that_are_reported_too_early_lead_to_the_same_light() {
+    for images_early in [1, 2, 4] {
+        let lights = lights_with_early_reports(images_early);
+        assert!((lights[119] / lights[59]).ln().abs() < 0.35, "{lights:?}");
     }
 }
 
