@@ -84,8 +84,8 @@ pub struct Renderer {
     light_buffer: LightBuffer,
     moved: MovedRays,
     scratch: Scratch,
-    /// Linear light of one tile, one plane per colour.
-    tile_tones: [Vec<u16>; 3],
+    /// Linear light of one tile, by ray.
+    tile_light: Vec<LightPixel>,
     /// Linear light of the scene, and smeared by motion.
     sharp: Vec<LightPixel>,
     blurred: Vec<LightPixel>,
@@ -129,7 +129,7 @@ impl Renderer {
             light_buffer: LightBuffer::new(rays_max),
             moved: MovedRays::new(rays_max),
             scratch: Scratch::new(),
-            tile_tones: [0; 3].map(|_| vec![0; rays_max]),
+            tile_light: vec![[0; 4]; rays_max],
             sharp: vec![[red, green, blue, 0]; width_px * height_px],
             blurred: Vec::new(),
             development: Development::new(width_px, height_px, &mut rng),
@@ -194,17 +194,14 @@ impl Renderer {
             self.environment
                 .shade(scene.pose, rays, tile, moved, light_buffer);
             draw_list.draw(rays, tile, moved, light_buffer);
-            let planes = light_buffer.planes(&tile.rays);
-            for (tile_tones, plane) in self.tile_tones.iter_mut().zip(planes) {
-                for (tone, light) in tile_tones.iter_mut().zip(plane.iter()) {
-                    *tone = tones(*light);
-                }
+            let [red, green, blue] = light_buffer.planes(&tile.rays);
+            let planes = red.iter().zip(green).zip(blue);
+            for (pixel, ((red, green), blue)) in self.tile_light.iter_mut().zip(planes) {
+                *pixel = [tones(*red), tones(*green), tones(*blue), 0];
             }
-            let [red, green, blue] = self.tile_tones.each_ref().map(|plane| &plane[..]);
-            // In the order of the image, so that writes are sequential.
+            // In the order of the image, so that writes are sequential; one write a pixel, since they miss the cache.
             for &(pixel, ray) in &tile.by_pixel {
-                let ray = ray as usize;
-                self.sharp[pixel as usize] = [red[ray], green[ray], blue[ray], 0];
+                self.sharp[pixel as usize] = self.tile_light[ray as usize];
             }
         }
     }
