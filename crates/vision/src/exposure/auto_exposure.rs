@@ -7,6 +7,8 @@ use localize::robot::{CameraConfig, CameraControl, CameraSetting};
 use crate::config::AutoExposureConfig;
 use crate::error::VisionError;
 use crate::exposure::histogram::Histogram;
+use crate::exposure::optimum::Optimum;
+use crate::exposure::search::{Measurement, SearchPhase};
 use crate::exposure::{ExposureCommand, ExposureStatus};
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
@@ -24,11 +26,17 @@ pub struct AutoExposure {
     pub(super) setting: CameraSetting,
     /// A command not yet in effect, and the centre's level when it was issued.
     pub(super) pending: Option<(ExposureCommand, f32)>,
-    /// Centre level at which the present setting was found best. None during a search.
+    /// Images by which the last checked command took effect later than assumed or reported.
+    effect_delay: u64,
+    /// First image on which the pending command seemed to be in effect.
+    arrived_at: Option<u64>,
+    /// Centre level from which a change of the light is measured. None during a search.
     pub(super) reference_level: Option<f32>,
     pub(super) search_steps: u32,
-    /// Centre level to restore first after the light changed.
-    pub(super) target_level: Option<f32>,
+    /// The best level that a search found. None before the first search ends.
+    pub(super) optimum: Option<Optimum>,
+    /// Present part of the search.
+    pub(super) phase: SearchPhase,
     /// Logarithm of the last light step taken for entropy; 0 before the first.
     pub(super) last_step: f32,
     /// Level ∝ light^response: 1 for a linear camera, about 0.45 with the usual gamma; estimated from commands.
@@ -119,9 +127,12 @@ impl AutoExposure {
             image_index: 0,
             setting,
             pending: None,
+            effect_delay: ARRIVAL_FRAMES_MAX,
+            arrived_at: None,
             reference_level: None,
             search_steps: 0,
-            target_level: None,
+            optimum: None,
+            phase: SearchPhase::MaximizingEntropy,
             last_step: 0.0,
             response: INITIAL_RESPONSE,
             warned: false,
@@ -134,9 +145,12 @@ impl AutoExposure {
         self.image_index = other.image_index;
         self.setting = other.setting;
         self.pending = other.pending;
+        self.effect_delay = other.effect_delay;
+        self.arrived_at = other.arrived_at;
         self.reference_level = other.reference_level;
         self.search_steps = other.search_steps;
-        self.target_level = other.target_level;
+        self.optimum = other.optimum;
+        self.phase = other.phase;
         self.last_step = other.last_step;
         self.response = other.response;
         self.warned = other.warned;
@@ -177,14 +191,17 @@ impl AutoExposure {
         if let Some((command, before)) = arrived {
             let setting = reported.unwrap_or(command.setting);
             let ratio = self.light_ratio(setting);
-            let is_last_chance = image_index >= command.from_frame + ARRIVAL_FRAMES_MAX;
-            if !is_last_chance && !shows_effect(before, level, ratio) {
+            if !self.is_in_effect(&command, before, level, ratio, image_index) {
                 return None;
             }
             light_jumped = math::ln(ratio).abs() > self.config.brightness_change_min;
             self.setting = setting;
             self.update_response(before, level, ratio);
             self.pending = None;
+            // A camera that does not follow is at its limit: the search ends.
+            if math::ln(ratio).abs() < self.config.convergence_tolerance {
+                self.reference_level = Some(level.max(1.0));
+            }
         } else if let Some(setting) = other_setting {
             light_jumped =
                 math::ln(self.light_ratio(setting)).abs() > self.config.brightness_change_min;
@@ -206,10 +223,25 @@ impl AutoExposure {
         let changed = change.is_none_or(|change| change.abs() > self.config.brightness_change_min);
         match self.camera {
             Some(control) if changed => {
-                status.command = self.search_step(&control, &histogram, level, change, image_index);
+                if change.is_some() {
+                    self.restart_search();
+                }
+                let image = Measurement {
+                    histogram: &histogram,
+                    entropy: status.entropy,
+                    level: level.max(1.0),
+                    image_index,
+                };
+                status.command = self.search_step(&control, &image);
                 status.searching = status.command.is_some();
             }
-            Some(_) => {}
+            Some(_) => {
+                let at_optimum =
+                    |optimum: &&mut Optimum| self.reference_level == Some(optimum.level);
+                if let Some(optimum) = self.optimum.as_mut().filter(at_optimum) {
+                    optimum.entropy.add(status.entropy);
+                }
+            }
             None => {
                 // The first measurement is the reference for the others.
                 self.reference_level.get_or_insert(level.max(1.0));
@@ -244,6 +276,38 @@ impl AutoExposure {
             || image_index >= command.from_frame + ARRIVAL_FRAMES_MAX
     }
 
+    /// False if the image was taken before the command took effect, whatever the camera's delay or report. Without this
+    /// the control would answer a missing effect by an even larger command.
+    ///
+    /// A large command must show its effect. A change of the scene could hide that of a small one, which therefore
+    /// waits as long as the last large one had to.
+    fn is_in_effect(
+        &mut self,
+        command: &ExposureCommand,
+        before: f32,
+        level: f32,
+        ratio: f32,
+        image_index: u64,
+    ) -> bool {
+        let waited = image_index - *self.arrived_at.get_or_insert(image_index);
+        let is_checked =
+            math::ln(ratio).abs() >= CHECKED_CHANGE_MIN && VALID_LEVELS.contains(&before);
+        let is_last_chance = image_index >= command.from_frame + ARRIVAL_FRAMES_MAX;
+        let is_in_effect = if is_checked {
+            shows_effect(before, level, ratio)
+        } else {
+            waited >= self.effect_delay
+        };
+        if !is_in_effect && !is_last_chance {
+            return false;
+        }
+        if is_checked {
+            self.effect_delay = waited;
+        }
+        self.arrived_at = None;
+        true
+    }
+
     /// Interquartile mean of the centre's brightness, of 255: robust to objects that cross it.
     fn level(&mut self, image: &ImageView<'_>) -> Option<f32> {
         let inside =
@@ -265,13 +329,11 @@ impl AutoExposure {
     }
 }
 
-/// False if a large command should have changed the level and has not: the image was taken before it took effect, whatever
-/// the camera's delay or report. Without this the control would answer a missing effect by an even larger command.
+/// True if the level followed a command by which the light changed by `ratio`. The level of a clipped image tells nothing.
 fn shows_effect(before: f32, level: f32, ratio: f32) -> bool {
     let (commanded, observed) = (math::ln(ratio), math::ln(level.max(1.0) / before.max(1.0)));
-    let is_small = commanded.abs() < CHECKED_CHANGE_MIN;
     let is_clipped = !VALID_LEVELS.contains(&before);
-    is_small || is_clipped || observed * commanded.signum() > EFFECT_MIN * commanded.abs()
+    is_clipped || observed * commanded.signum() > EFFECT_MIN * commanded.abs()
 }
 
 /// Every n-th pixel, so that at least `count_min` remain.

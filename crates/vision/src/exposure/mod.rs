@@ -9,6 +9,7 @@ use localize::robot::CameraSetting;
 
 mod auto_exposure;
 mod histogram;
+mod optimum;
 mod search;
 
 pub use auto_exposure::AutoExposure;

@@ -1,4 +1,4 @@
-//! The search for the best setting: first restores the centre's level, then maximises entropy.
+//! The search for the best setting: restores the level that was best before; maximises entropy if that is not enough.
 
 use localize::math;
 use localize::robot::CameraControl;
@@ -6,67 +6,138 @@ use localize::robot::CameraControl;
 use crate::exposure::ExposureCommand;
 use crate::exposure::auto_exposure::{AutoExposure, VALID_LEVELS};
 use crate::exposure::histogram::Histogram;
+use crate::exposure::optimum::{EntropyStatistics, Optimum};
+
+/// What a search does at present.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum SearchPhase {
+    /// The light changed: first the level of the optimum is restored. `steady`: successive images that have it.
+    RestoringLevel { steady: u32 },
+    /// The entropy's peak is searched.
+    MaximizingEntropy,
+}
+
+/// One measured image.
+pub(super) struct Measurement<'a> {
+    pub(super) histogram: &'a Histogram,
+    /// Bits.
+    pub(super) entropy: f32,
+    /// Brightness of the image's centre, of 255; at least 1.
+    pub(super) level: f32,
+    pub(super) image_index: u64,
+}
 
 /// Plausible exponents of the camera's response.
 const RESPONSE_RANGE: std::ops::RangeInclusive<f32> = 0.35..=1.1;
-/// The search ends after this many commands, since the light keeps changing.
-const SEARCH_STEPS_MAX: u32 = 8;
+/// The search for the peak ends after this many commands, since the light keeps changing.
+const PEAK_STEPS_MAX: u32 = 8;
+/// Images in a row that must have the restored level: the light may still be changing.
+const STEADY_IMAGES: u32 = 4;
 
 impl AutoExposure {
-    /// One iteration of the search. None if the present setting is the best by this image's histogram.
+    /// Begins a search since the light changed.
+    pub(super) fn restart_search(&mut self) {
+        self.reference_level = None;
+        self.phase = match self.optimum {
+            Some(_) => SearchPhase::RestoringLevel { steady: 0 },
+            None => SearchPhase::MaximizingEntropy,
+        };
+        (self.search_steps, self.last_step) = (0, 0.0);
+    }
+
+    /// One iteration of the search. None if it ends or waits.
+    ///
+    /// The peak of the entropy is flat, so each search for it ends elsewhere. While the level that was found best still
+    /// gives the entropy that it gave before, it therefore stays the best, and restoring it leaves no rest.
     pub(super) fn search_step(
         &mut self,
         control: &CameraControl,
-        histogram: &Histogram,
-        level: f32,
-        change: Option<f32>,
-        image_index: u64,
+        image: &Measurement<'_>,
     ) -> Option<ExposureCommand> {
-        if change.is_some() {
-            (self.search_steps, self.last_step) = (0, 0.0);
-        }
-        self.search_steps += 1;
-        // First restore the centre's level, since the entropy of clipped pixels cannot be predicted. Then maximise entropy.
-        if let Some(change) = change {
-            self.target_level = Some(level.max(1.0) / math::exp(change));
-        }
-        let error = self
-            .target_level
-            .map(|target| math::ln(level.max(1.0) / target));
-        let target_error =
-            error.filter(|error| error.abs() > self.config.convergence_tolerance * self.response);
-        let best = match target_error {
-            Some(error) => math::exp(-error),
-            None => {
-                self.target_level = None;
-                histogram.best_scale(self.config.entropy_gain_min)
+        if let (SearchPhase::RestoringLevel { steady }, Some(optimum)) = (self.phase, self.optimum)
+        {
+            let error = math::ln(image.level / optimum.level);
+            if error.abs() > self.config.convergence_tolerance * self.response {
+                self.phase = SearchPhase::RestoringLevel { steady: 0 };
+                let log_step = self.log_step(math::exp(-error));
+                let command = self.command(control, log_step, image);
+                // The camera is at its limit.
+                if command.is_none() {
+                    self.reference_level = Some(image.level);
+                }
+                return command;
             }
-        };
-        let factor_max = self.config.step_factor_max.max(1.0);
-        let step = math::powf(best, 1.0 / self.response).clamp(1.0 / factor_max, factor_max);
-        let now = control.light(self.setting);
-        let mut log_step = math::ln(step);
+            if steady + 1 < STEADY_IMAGES {
+                self.phase = SearchPhase::RestoringLevel { steady: steady + 1 };
+                return None;
+            }
+            let variation = self.config.entropy_gain_min;
+            if optimum.entropy.is_usual(image.entropy, variation) {
+                self.reference_level = Some(optimum.level);
+                return None;
+            }
+            self.phase = SearchPhase::MaximizingEntropy;
+        }
+        self.maximize_entropy(control, image)
+    }
+
+    fn maximize_entropy(
+        &mut self,
+        control: &CameraControl,
+        image: &Measurement<'_>,
+    ) -> Option<ExposureCommand> {
+        let mut log_step = self.log_step(image.histogram.best_scale(self.config.entropy_gain_min));
         // A reversed step means that the peak was passed: halve the step so that the search converges.
-        if target_error.is_none() && log_step * self.last_step < 0.0 {
+        if log_step * self.last_step < 0.0 {
             log_step = log_step.signum() * log_step.abs().min(0.5 * self.last_step.abs());
         }
-        let setting = control.setting(now * math::exp(log_step));
-        let log_step_taken = math::ln(control.light(setting) / now);
-        if log_step_taken.abs() < self.config.convergence_tolerance
-            || self.search_steps > SEARCH_STEPS_MAX
-        {
-            self.reference_level = Some(level.max(1.0));
-            return None;
+        self.search_steps += 1;
+        let command = (self.search_steps <= PEAK_STEPS_MAX)
+            .then(|| self.command(control, log_step, image))
+            .flatten();
+        match command {
+            Some(command) => {
+                let before = control.light(self.setting);
+                self.last_step = math::ln(control.light(command.setting) / before);
+            }
+            None => {
+                // Without a step the level is still that of the optimum, but for the tolerance.
+                let known = self.optimum.filter(|_| self.last_step == 0.0);
+                let level = known.map_or(image.level, |optimum| optimum.level);
+                self.reference_level = Some(level);
+                self.optimum = Some(Optimum {
+                    level,
+                    entropy: EntropyStatistics::new(image.entropy),
+                });
+            }
         }
-        if target_error.is_none() {
-            self.last_step = log_step_taken;
+        command
+    }
+
+    /// Change of the logarithm of the light that scales the levels by `scale`.
+    fn log_step(&self, scale: f32) -> f32 {
+        let limit = math::ln(self.config.step_factor_max.max(1.0));
+        (math::ln(scale) / self.response).clamp(-limit, limit)
+    }
+
+    /// The command for a step. None if it is below the tolerance, perhaps because the camera is at its limit.
+    fn command(
+        &mut self,
+        control: &CameraControl,
+        log_step: f32,
+        image: &Measurement<'_>,
+    ) -> Option<ExposureCommand> {
+        let now = control.light(self.setting);
+        let setting = control.setting(now * math::exp(log_step));
+        let taken = math::ln(control.light(setting) / now);
+        if taken.abs() < self.config.convergence_tolerance {
+            return None;
         }
         let command = ExposureCommand {
             setting,
-            from_frame: image_index + control.delay_frames.max(1),
+            from_frame: image.image_index + control.delay_frames.max(1),
         };
-        self.pending = Some((command, level));
-        self.reference_level = None;
+        self.pending = Some((command, image.level));
         Some(command)
     }
 

@@ -53,6 +53,11 @@ fn control() -> CameraControl {
 
 /// Body, textured carpet, lines and a bright wall, shifted slightly from image to image.
 fn synthetic_image(light: f32, gamma: f32, index: usize) -> Image {
+    image_with_wall(light, 1.0, gamma, index)
+}
+
+/// `wall`: brightness of the wall over its usual one.
+fn image_with_wall(light: f32, wall: f32, gamma: f32, index: usize) -> Image {
     let mut rgb = Vec::with_capacity(3 * SIZE * SIZE);
     for pixel in 0..SIZE * SIZE {
         let (u, v) = (pixel % SIZE, pixel / SIZE);
@@ -60,7 +65,7 @@ fn synthetic_image(light: f32, gamma: f32, index: usize) -> Image {
         let grain = 1.0 + 0.3 * (((u * 7 + v * 13 + index) % 11) as f32 / 11.0 - 0.5);
         let colour = match radius {
             r if r < 8.0 => [0.03, 0.03, 0.035],
-            r if r > 50.0 => [0.5, 0.45, 0.4].map(|c| c * (0.3 + 0.02 * (u % 30) as f32)),
+            r if r > 50.0 => [0.5, 0.45, 0.4].map(|c| wall * c * (0.3 + 0.02 * (u % 30) as f32)),
             _ if (u + index).is_multiple_of(19) => [0.7; 3],
             _ => [0.05, 0.2, 0.07],
         };
@@ -121,6 +126,61 @@ fn exposure_settles_within_10_images_after_a_light_step() {
             assert!(auto_exposure.reference_level.is_some(), "still searching");
         }
     }
+}
+
+#[test]
+fn brightness_returns_after_each_of_many_light_changes() {
+    for gamma in [0.45, 1.0] {
+        // Down in steps of a third, up in ramps.
+        let light = |index: usize| match index % 120 {
+            _ if index < 60 => 1.0,
+            phase if phase < 60 => 0.3,
+            phase => (0.3 + (phase - 60) as f32 / 30.0).min(1.0),
+        };
+        let (lights, _) = simulate_exposure(gamma, 1200, light);
+        for index in (179..1200).step_by(60) {
+            let rest = gamma * (lights[index] / lights[59]).ln();
+            assert!(rest.abs() < 1.1f32.ln(), "gamma {gamma}, image {index}: {rest}");
+        }
+    }
+}
+
+#[test]
+fn another_optimum_is_found_if_the_old_level_gives_less_entropy() {
+    let control = control();
+    let config = AutoExposureConfig::default();
+    let mut auto_exposure =
+        AutoExposure::new(&map(), &camera(), None, Some(control), &config).expect("a control");
+    let (mut setting, mut entropies) = (auto_exposure.setting, Vec::new());
+    let mut commands: Vec<ExposureCommand> = Vec::new();
+    for index in 0..160 {
+        for command in commands.iter().filter(|c| c.from_frame == index as u64) {
+            setting = command.setting;
+        }
+        // The sun: the wall is clipped at the old level.
+        let (light, wall) = if index < 60 { (1.0, 1.0) } else { (0.6, 12.0) };
+        let taken = control.light(setting) * light;
+        let image = image_with_wall(taken, wall, 0.45, index);
+        let status = auto_exposure.process(&image.view(), None);
+        commands.extend(status.and_then(|status| status.command));
+        entropies.extend(status.map(|status| (index, taken, status.entropy)));
+    }
+    let old = entropies
+        .iter()
+        .rfind(|(index, ..)| *index < 60)
+        .expect("measured")
+        .1;
+    let (_, light, entropy) = *entropies.last().expect("measured");
+    let pixels: Vec<[u16; 2]> = (0..SIZE as u16)
+        .flat_map(|u| (0..SIZE as u16).map(move |v| [u, v]))
+        .collect();
+    let image = image_with_wall(old, 12.0, 0.45, 0);
+    let at_old_level = Histogram::from_pixels(&image.view(), &pixels).entropy(1.0);
+    assert!(
+        light < 0.8 * old,
+        "{old} before, {light} after: {entropies:?}"
+    );
+    assert!(entropy > at_old_level, "{entropy} {at_old_level}");
 }
 
 #[test]
@@ -200,13 +260,11 @@ fn settings_that_are_reported_too_early_do_not_make_the_control_run_away() {
 }
 
 #[test]
-#[ignore = "not met: 1.8 times the light that it settles at (7.4 times before small commands were checked)"]
 fn settings_that_are_reported_four_images_early_do_not_make_the_control_run_away() {
     check_no_runaway(4);
 }
 
 #[test]
-#[ignore = "not met: the search for entropy settles at light levels that differ by up to a factor of two"]
 fn settings_that_are_reported_too_early_lead_to_the_same_light() {
     for images_early in [1, 2, 4] {
         let lights = lights_with_early_reports(images_early);
