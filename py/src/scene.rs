@@ -10,7 +10,7 @@ use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use sim::hall::HallConfig;
-use sim::image_sensor::FilmConfig;
+use sim::image_sensor::ImageSensorConfig;
 use sim::light::LightConfig;
 use sim::render::{Renderer, RendererConfig, Scene};
 use sim::scenario::BallConfig;
@@ -121,17 +121,17 @@ pub(crate) fn render<'py>(
     } else {
         bare()
     };
-    let film = FilmConfig {
+    let film = ImageSensorConfig {
         exposure,
         blur_px,
-        ..FilmConfig::default()
+        ..ImageSensorConfig::default()
     };
     let others: Vec<RobotState> = robots
         .iter()
         .map(|&[x, y, theta]| RobotState {
             pose: Pose::new(x, y, theta),
             velocity: [0.0; 2],
-            omega: 0.0,
+            yaw_rate: 0.0,
             team: TeamColour::Magenta,
         })
         .collect();

@@ -173,7 +173,7 @@ impl Pipeline {
     /// Replay does the same at the same cycle, so its bits are equal.
     pub fn replace_by(&mut self, mut next: Pipeline, settings: Arc<str>) {
         next.warm_start_from(self);
-        next.inputs.settings = Some(settings);
+        next.inputs.changed_config_toml = Some(settings);
         *self = next;
     }
 
@@ -196,7 +196,7 @@ impl Pipeline {
             Sample::Command(command) => self.inputs.commands.push(command),
             Sample::TeamReport(report) => self.inputs.reports.push(report),
             Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
-            Sample::Settings(settings) => self.inputs.settings = Some(settings),
+            Sample::Settings(settings) => self.inputs.changed_config_toml = Some(settings),
             Sample::Image(image) => return Some(self.process_image(image)),
         }
         None
@@ -210,7 +210,7 @@ impl Pipeline {
         let see_ms = elapsed_ms(started);
         let started = Instant::now();
         inputs.image = features.image;
-        inputs.setting = image.setting;
+        inputs.exposure_setting = image.setting;
         self.add_inputs(&inputs);
         let goals = correct_goals(features.goals, self.localizer.map_correction());
         self.localizer.add_goals(stamp, &goals);
@@ -240,7 +240,7 @@ impl Pipeline {
             world,
             team,
             exposure: features.exposure,
-            fault: features.fault,
+            image_fault: features.fault,
             timings: Timings {
                 see_ms,
                 localize_ms: elapsed_ms(started),

@@ -10,7 +10,7 @@ use localize::robot::RobotConfig;
 use localize::world::TeamColour;
 use sim::render::{CameraMotion, Renderer, RendererConfig, Scene};
 use sim::world::RobotState;
-use sim::{Scenario, Sim, SimSample};
+use sim::{Scenario, SimSample, Simulator};
 use vision::Profile;
 
 fn config(name: &str) -> std::path::PathBuf {
@@ -68,7 +68,7 @@ fn image(c: &mut Criterion) {
             RobotState {
                 pose: Pose::new(4.0 - distance * cos, distance * sin * 0.8, index as f32),
                 velocity: [0.0; 2],
-                omega: 0.0,
+                yaw_rate: 0.0,
                 team: if index % 2 == 0 {
                     TeamColour::Cyan
                 } else {
@@ -103,7 +103,7 @@ fn second(c: &mut Criterion) {
     for (name, frame_rate_hz) in [("camera_30_hz", 30.0), ("without_camera", 1e-3)] {
         let mut scenario = scenario.clone();
         scenario.frame_rate_hz = frame_rate_hz;
-        let mut sim = Sim::new(scenario, robot.clone(), field.clone()).expect("a simulation");
+        let mut sim = Simulator::new(scenario, robot.clone(), field.clone()).expect("a simulation");
         group.bench_function(name, |b| {
             b.iter(|| {
                 let end = sim.time() + 1.0;

@@ -20,4 +20,4 @@ pub mod simulation;
 pub mod world;
 
 pub use scenario::Scenario;
-pub use simulation::{Sim, SimError, SimImage, SimSample, SimTruth};
+pub use simulation::{SimError, SimImage, SimSample, SimTruth, Simulator};

@@ -12,7 +12,7 @@ use vision::Mount;
 pub use load::ScenarioError;
 
 use crate::hall::HallConfig;
-use crate::image_sensor::FilmConfig;
+use crate::image_sensor::ImageSensorConfig;
 use crate::light::LightConfig;
 use crate::people::PeopleConfig;
 use crate::rocking::RockingConfig;
@@ -61,7 +61,7 @@ pub struct Scenario {
     pub focal_scale: f64,
     /// Settings, optics and sensor of the camera.
     #[serde(default)]
-    pub film: FilmConfig,
+    pub film: ImageSensorConfig,
     /// Light on the field.
     #[serde(default)]
     pub light: LightConfig,

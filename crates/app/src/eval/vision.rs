@@ -7,9 +7,9 @@ use anyhow::{Context, Result, ensure};
 use indicatif::ProgressBar;
 use localize::Stamp;
 use rayon::prelude::*;
-use vision::config::ObjectConfig;
+use vision::config::ObjectDetectionConfig;
 
-use super::experiment::{RecordingRun, Variant, VisionRuns};
+use super::experiment::{RecordingEntry, ScenarioVariant, VisionRuns};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
 use crate::commands::locate::EXTERNAL_POINT_STD;
@@ -54,8 +54,8 @@ struct VisionRun {
 }
 
 enum ImageSource<'a> {
-    Recording(&'a RecordingRun),
-    Simulated(&'a Variant, u64),
+    Recording(&'a RecordingEntry),
+    Simulated(&'a ScenarioVariant, u64),
 }
 
 impl ImageSource<'_> {
@@ -161,7 +161,7 @@ fn run_recording(folder: &Path, preset: &str) -> Result<VisionRun> {
     Ok(run)
 }
 
-fn run_scenario(variant: &Variant, seed: u64, preset: &str) -> Result<VisionRun> {
+fn run_scenario(variant: &ScenarioVariant, seed: u64, preset: &str) -> Result<VisionRun> {
     let scenario = variant.scenario.as_deref().context("no scenario")?;
     let simulation = Simulation::with_overrides(scenario, &variant.set, Some(seed), None)?;
     let setup = simulation.setup()?;
@@ -245,7 +245,7 @@ impl VisionRun {
             tilt: cycle.estimate.tilt,
             viewpoint_height: setup
                 .viewpoint_height
-                .unwrap_or(ObjectConfig::default().viewpoint_height),
+                .unwrap_or(ObjectDetectionConfig::default().viewpoint_height),
             field: &setup.field,
             map,
             occluded_sectors: truth.occluded_sectors,

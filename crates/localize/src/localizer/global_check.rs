@@ -4,7 +4,7 @@
 //! searched at once, so a check only ever raises a suspicion.
 
 use super::Localizer;
-use super::state::{GlobalCheck, Track};
+use super::state::{GlobalCheck, PoseTrack};
 use crate::frames::Pose;
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::matching::Match;
@@ -26,7 +26,7 @@ impl Localizer {
         stamp: Stamp,
         points: &[LinePoint],
         matched: &Match,
-        track: &mut Track,
+        track: &mut PoseTrack,
     ) -> Option<CheckedField> {
         let Some(check) = &mut self.global_check else {
             let period = self.config.mode.global_check_period;

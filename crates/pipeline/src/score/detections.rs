@@ -8,7 +8,7 @@ use localize::tilt::ground_from_map;
 use localize::{Field, Pose};
 use serde::Serialize;
 use sim::world::OTHER_HALF_SIDE;
-use vision::config::ObjectConfig;
+use vision::config::ObjectDetectionConfig;
 use vision::objects::robots::RobotDetection;
 use vision::{Detections, GroundMap, overlay};
 
@@ -428,7 +428,7 @@ impl GroundTruthScene<'_> {
             at: self.pose.inverse() * robot.at,
             outline: match robot.heading {
                 Some(heading) => BodyOutline::Square(OTHER_HALF_SIDE, heading - self.pose.theta),
-                None => BodyOutline::Circle(ObjectConfig::default().robot_radius),
+                None => BodyOutline::Circle(ObjectDetectionConfig::default().robot_radius),
             },
         };
         robots.map(body).collect()
@@ -461,7 +461,7 @@ impl GroundTruthScene<'_> {
             let mut bodies = self.robot_bodies();
             bodies.push(Body {
                 at,
-                outline: BodyOutline::Circle(ObjectConfig::default().ball_radius),
+                outline: BodyOutline::Circle(ObjectDetectionConfig::default().ball_radius),
             });
             let visibilities = visibility::body_visibilities(&bodies, self.occluded_sectors);
             return visibilities
@@ -470,9 +470,9 @@ impl GroundTruthScene<'_> {
         };
         vision::objects::ball::expected_ball_pixels_at(
             self.map,
-            &ObjectConfig {
+            &ObjectDetectionConfig {
                 viewpoint_height: self.viewpoint_height,
-                ..ObjectConfig::default()
+                ..ObjectDetectionConfig::default()
             },
             at,
         )

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use localize::field::FieldConfig;
 
-use super::variant::Variant;
+use super::variant::SetupVariant;
 use crate::setup::Setup;
 
 /// One change of a set-up.
@@ -36,7 +36,7 @@ pub(super) enum Change {
 
 impl Change {
     /// The variant after this change.
-    pub(super) fn apply(&self, variant: &Variant) -> Variant {
+    pub(super) fn apply(&self, variant: &SetupVariant) -> SetupVariant {
         let mut changed = variant.clone();
         match self {
             Change::Field(_, field) => changed.field = (**field).clone(),
@@ -63,7 +63,7 @@ impl Change {
     }
 
     /// The edit to make; `after`: the variant with the change.
-    pub(super) fn text(&self, setup: &Setup, after: &Variant) -> String {
+    pub(super) fn text(&self, setup: &Setup, after: &SetupVariant) -> String {
         match self {
             Change::Field(path, _) => {
                 format!("robot.toml: field = {:?}", path.display().to_string())
@@ -122,7 +122,7 @@ impl Change {
     }
 }
 
-fn mount_text(setup: &Setup, after: &Variant, quarters: u8, mirrored: bool) -> String {
+fn mount_text(setup: &Setup, after: &SetupVariant, quarters: u8, mirrored: bool) -> String {
     match (&setup.camera, setup.is_calibrated()) {
         (Some((camera, _)), false) => {
             let changed = after.camera(camera);

@@ -11,7 +11,7 @@ use crate::setup::Setup;
 
 /// A set-up that differs from the configured one.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Variant {
+pub(super) struct SetupVariant {
     /// The field.
     pub(super) field: FieldConfig,
     /// The robot's left and right exchanged.
@@ -28,10 +28,10 @@ pub(super) struct Variant {
     pub(super) turn_factor: f32,
 }
 
-impl Variant {
+impl SetupVariant {
     /// The configured set-up.
     pub(super) fn configured(setup: &Setup) -> Self {
-        Variant {
+        SetupVariant {
             field: setup.field.config.clone(),
             mirrored: false,
             quarter_turns: 0,

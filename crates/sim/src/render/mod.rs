@@ -29,7 +29,7 @@ pub use scene::Scene;
 
 use crate::hall::HallConfig;
 use crate::image_sensor::{
-    FilmConfig, ImageSensor, JpegCompression, Pcg, Raw, SiteGains, TONES, demosaic_row,
+    ImageSensor, ImageSensorConfig, JpegCompression, Pcg, Raw, SiteGains, TONES, demosaic_row,
     site_colours,
 };
 use crate::light::LightConfig;
@@ -62,7 +62,7 @@ pub struct RendererConfig<'a> {
     /// Floor, windows and cables.
     pub hall: &'a HallConfig,
     /// The camera; its blur and defocus are those of all images.
-    pub film: &'a FilmConfig,
+    pub film: &'a ImageSensorConfig,
     /// Seed of environment, clutter and noise.
     pub seed: u64,
 }
@@ -145,7 +145,7 @@ impl Renderer {
     }
 
     /// Renders into `rgb`: three bytes per pixel, row by row.
-    pub fn render(&mut self, scene: &Scene, film: &FilmConfig, rgb: &mut Vec<u8>) {
+    pub fn render(&mut self, scene: &Scene, film: &ImageSensorConfig, rgb: &mut Vec<u8>) {
         rgb.resize(3 * self.width_px * self.height_px, 0);
         let (pixels, _) = rgb.as_chunks_mut::<3>();
         self.draw_scene(scene);
@@ -259,7 +259,7 @@ impl Development {
 
     fn develop(
         &mut self,
-        film: &FilmConfig,
+        film: &ImageSensorConfig,
         light_colour: [f32; 3],
         image: &[LightPixel],
         pixels: &mut [[u8; 3]],
@@ -316,7 +316,7 @@ impl Development {
     }
 
     /// Vignetting of a row.
-    fn set_scale(&mut self, film: &FilmConfig, row: usize) {
+    fn set_scale(&mut self, film: &ImageSensorConfig, row: usize) {
         let [columns, rows] = &self.falloff;
         for (scale, column) in self.scale_row.iter_mut().zip(columns) {
             *scale = 1.0 - film.vignetting * (column + rows[row]);
@@ -326,7 +326,7 @@ impl Development {
     /// Light on a row of pixels that measure `colours` in even and odd columns.
     fn set_light(
         &mut self,
-        film: &FilmConfig,
+        film: &ImageSensorConfig,
         scattered: bool,
         row: usize,
         light: &[LightPixel],

@@ -3,11 +3,11 @@
 use localize::sample::VelocityCommand;
 use localize::stamp::Stamp;
 
-use super::{Sim, SimImage, SimSample, SimTruth};
+use super::{SimImage, SimSample, SimTruth, Simulator};
 use crate::render::Scene;
 use crate::scenario::FaultKind;
 
-impl Sim {
+impl Simulator {
     /// Samples every sensor that is due: motion first, then true state and image.
     pub(super) fn sample_sensors(&mut self) {
         let time = self.time();
@@ -63,7 +63,13 @@ impl Sim {
         let silent = self.active_fault(FaultKind::ImuSilent).is_some();
         if let Some((imu, _)) = &self.imu {
             let tilt = (self.rocking.tilt(), self.rocking.tilt_rate());
-            let reading = imu.read(stamp, acceleration, robot.omega, tilt, &mut self.sensor_rng);
+            let reading = imu.read(
+                stamp,
+                acceleration,
+                robot.yaw_rate,
+                tilt,
+                &mut self.sensor_rng,
+            );
             if !silent {
                 self.pending_samples.push_back(SimSample::Imu(reading));
             }

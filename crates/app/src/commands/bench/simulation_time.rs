@@ -81,7 +81,7 @@ impl DemoScene {
                 RobotState {
                     pose,
                     velocity: [0.0; 2],
-                    omega: 0.0,
+                    yaw_rate: 0.0,
                     team,
                 }
             })

@@ -212,7 +212,7 @@ impl SimulatorPanel {
         &mut self,
         ui: &mut Ui,
         worker: &SimWorker,
-        image_sensor: sim::image_sensor::FilmConfig,
+        image_sensor: sim::image_sensor::ImageSensorConfig,
     ) {
         let mut manual = self.light.is_some();
         ui.horizontal(|ui| {

@@ -9,7 +9,7 @@ use anyhow::Result;
 use localize::Pose;
 use localize::frames::{At, FieldFrame};
 use localize::omni::Twist;
-use sim::image_sensor::FilmConfig;
+use sim::image_sensor::ImageSensorConfig;
 use sim::scenario::FaultKind;
 
 use super::decoded_cycle::DecodedCycle;
@@ -48,7 +48,7 @@ pub(crate) enum SourceRequest {
     /// Black sector in the image: centre and width, degrees.
     SetOcclusion(Option<(f32, f32)>),
     /// Image sensor settings.
-    SetImageSensor(FilmConfig),
+    SetImageSensor(ImageSensorConfig),
     /// Commanded velocity; None restores the scenario's motion.
     Drive(Option<Twist>),
     /// Starts or ends a sensor fault. The index selects the wheel.
@@ -73,7 +73,7 @@ pub(crate) struct SimStatus {
     /// Requested simulated seconds per second.
     pub(crate) speed: f64,
     /// Image sensor settings.
-    pub(crate) image_sensor: FilmConfig,
+    pub(crate) image_sensor: ImageSensorConfig,
     /// Why the last request failed.
     pub(crate) error: Option<String>,
 }
