@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use sim::hall::HallConfig;
 use sim::image_sensor::ImageSensorConfig;
 use sim::light::LightConfig;
-use sim::render::{Renderer, RendererConfig, Scene};
+use sim::render::{Renderer, RendererConfig, Scene, SceneBall};
 use sim::scenario::BallConfig;
 use sim::world::RobotState;
 
@@ -155,7 +155,11 @@ pub(crate) fn render<'py>(
         let scene = Scene {
             pose: Pose::new(pose[0], pose[1], pose[2]),
             robots: &others,
-            ball: ball.map(|[x, y]| (At::new(x, y), ball_kind.diameter, ball_kind.colour)),
+            ball: ball.map(|[x, y]| SceneBall {
+                at: At::new(x, y),
+                diameter: ball_kind.diameter,
+                colour: ball_kind.colour,
+            }),
             ..Scene::default()
         };
         renderer.render(&scene, &film, &mut rgb);

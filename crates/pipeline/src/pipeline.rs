@@ -145,7 +145,7 @@ impl Pipeline {
     }
 
     /// Marks every pose as that of a doubtful set-up and adds this covariance to its own.
-    pub fn doubt_setup(&mut self, covariance: Matrix3<f32>) {
+    pub fn mark_setup_doubtful(&mut self, covariance: Matrix3<f32>) {
         self.doubt = Some(covariance);
     }
 
@@ -216,7 +216,7 @@ impl Pipeline {
         self.localizer.add_goals(stamp, &goals);
         let mut estimate = self.localizer.process_points(stamp, &features.line_points);
         if let Some(covariance) = &self.doubt {
-            estimate.doubt_setup(covariance);
+            estimate.mark_setup_doubtful(covariance);
         }
         let observations = features
             .detections

@@ -363,8 +363,8 @@ impl RecordingRun {
         for table in &report.unusable {
             recording.leave_out(*table);
         }
-        if let Some(covariance) = report.doubt {
-            pipeline.doubt_setup(covariance);
+        if let Some(covariance) = report.added_pose_covariance {
+            pipeline.mark_setup_doubtful(covariance);
         }
         Ok(RecordingRun {
             setup,

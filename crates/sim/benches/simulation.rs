@@ -8,7 +8,7 @@ use localize::Field;
 use localize::frames::{At, Pose};
 use localize::robot::RobotConfig;
 use localize::world::TeamColour;
-use sim::render::{CameraMotion, Renderer, RendererConfig, Scene};
+use sim::render::{CameraMotion, Renderer, RendererConfig, Scene, SceneBall};
 use sim::world::RobotState;
 use sim::{Scenario, SimSample, Simulator};
 use vision::Profile;
@@ -86,7 +86,11 @@ fn image(c: &mut Criterion) {
                 pose: Pose::new(4.0, 0.3, theta),
                 robots: &robots,
                 motion: DRIVING,
-                ball: Some((At::new(2.5, 1.5), 0.22, [245, 125, 20])),
+                ball: Some(SceneBall {
+                    at: At::new(2.5, 1.5),
+                    diameter: 0.22,
+                    colour: [245, 125, 20],
+                }),
                 ..Scene::default()
             };
             renderer.render(black_box(&scene), &scenario.film, &mut rgb);

@@ -16,6 +16,7 @@ use crate::image_sensor::ImageSensorConfig;
 use crate::light::LightConfig;
 use crate::people::PeopleConfig;
 use crate::rocking::RockingConfig;
+use crate::sector::Sector;
 
 /// A scenario file. Lengths in metres, times in seconds from the start, angles in the unit of their names.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -358,6 +359,13 @@ pub struct Occlusion {
     pub direction_deg: f32,
     /// Full width, degrees.
     pub width_deg: f32,
+}
+
+impl Occlusion {
+    /// The sector that is black.
+    pub fn sector(&self) -> Sector {
+        Sector::from_degrees(self.direction_deg, self.width_deg)
+    }
 }
 
 /// A temporary sensor fault.

@@ -7,6 +7,8 @@ use anyhow::{Context, Result, ensure};
 use indicatif::ProgressBar;
 use localize::Stamp;
 use rayon::prelude::*;
+use sim::Sector;
+use sim::scenario::Occlusion;
 use vision::config::ObjectDetectionConfig;
 
 use super::experiment::{RecordingEntry, ScenarioVariant, VisionRuns};
@@ -187,14 +189,7 @@ fn run_scenario(variant: &ScenarioVariant, seed: u64, preset: &str) -> Result<Vi
         let active = occlusions
             .iter()
             .filter(|occlusion| occlusion.start <= now && now < occlusion.stop);
-        let sectors: Vec<(f32, f32)> = active
-            .map(|occlusion| {
-                (
-                    occlusion.direction_deg.to_radians(),
-                    occlusion.width_deg.to_radians(),
-                )
-            })
-            .collect();
+        let sectors: Vec<Sector> = active.map(Occlusion::sector).collect();
         let scene = SceneTruth {
             pose: truth.pose,
             objects: Some(&objects),
@@ -213,8 +208,8 @@ struct SceneTruth<'a> {
     /// None if the objects are unknown.
     objects: Option<&'a [GroundTruthObject]>,
     people: &'a [localize::At<localize::FieldFrame>],
-    /// Directions and widths of covered sectors of the view, radians.
-    occluded_sectors: &'a [(f32, f32)],
+    /// Covered sectors of the view.
+    occluded_sectors: &'a [Sector],
 }
 
 impl VisionRun {

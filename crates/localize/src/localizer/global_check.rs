@@ -12,7 +12,7 @@ use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
 /// Result of a check.
-pub(super) struct CheckedField {
+pub(super) struct GlobalCheckResult {
     /// Another pose explained the points of the checked image clearly better.
     pub(super) is_contradicted: bool,
     /// The other poses that explain the points, moved to the current image.
@@ -27,7 +27,7 @@ impl Localizer {
         points: &[LinePoint],
         matched: &Match,
         track: &mut PoseTrack,
-    ) -> Option<CheckedField> {
+    ) -> Option<GlobalCheckResult> {
         let Some(check) = &mut self.global_check else {
             let period = self.config.mode.global_check_period;
             let is_due = period > 0.0 && track.last_global_check.seconds_until(stamp) >= period;
@@ -58,7 +58,7 @@ impl Localizer {
             let Pose { x, y, theta, .. } = hypothesis.pose * since;
             hypothesis.pose = Pose::new(x, y, theta);
         }
-        Some(CheckedField {
+        Some(GlobalCheckResult {
             is_contradicted,
             alternatives: found,
         })

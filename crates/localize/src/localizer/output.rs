@@ -55,7 +55,8 @@ impl EstimateParts<'_> {
 impl Localizer {
     fn half_known(&self, track: &PoseTrack) -> bool {
         !self.search.is_half_turn_symmetric()
-            || track.half_evidence.cautious_log_odds() >= self.config.compass.half_known_log_odds
+            || track.half_evidence.log_odds_with_withheld()
+                >= self.config.compass.half_known_log_odds
     }
 
     /// Estimate of the tracked pose, or of a lost one.
@@ -151,6 +152,6 @@ fn half_turn_hypothesis(track: &PoseTrack, figures: MatchFigures) -> Hypothesis 
         residual: figures.residual,
         tilt: figures.tilt,
         // Without compass readings the log odds are 0, so both halves are equally probable.
-        probability: 1.0 / (1.0 + math::exp(track.half_evidence.cautious_log_odds())),
+        probability: 1.0 / (1.0 + math::exp(track.half_evidence.log_odds_with_withheld())),
     }
 }

@@ -7,6 +7,7 @@ use localize::math;
 use localize::tilt::ground_from_map;
 use localize::{Field, Pose};
 use serde::Serialize;
+use sim::Sector;
 use sim::world::OTHER_HALF_SIDE;
 use vision::config::ObjectDetectionConfig;
 use vision::objects::robots::RobotDetection;
@@ -39,8 +40,8 @@ pub struct GroundTruthScene<'a> {
     pub field: &'a Field,
     /// The ground map.
     pub map: &'a GroundMap,
-    /// Covered sectors of the view: centre and full width, radians, robot frame.
-    pub occluded_sectors: &'a [(f32, f32)],
+    /// Covered sectors of the view.
+    pub occluded_sectors: &'a [Sector],
     /// Ball and robots. None if they are unknown.
     pub objects: Option<&'a [GroundTruthObject]>,
     /// People. A robot that is detected in their place is an obstacle in its place: neither found nor false.
@@ -437,7 +438,11 @@ impl GroundTruthScene<'_> {
     /// True if a robot or a covered sector occludes this point.
     fn is_occluded(&self, at: At<RobotFrame>) -> bool {
         let range = at.distance();
-        let covered = visibility::is_in_sectors(math::atan2(at.y, at.x), self.occluded_sectors);
+        let direction = math::atan2(at.y, at.x);
+        let covered = self
+            .occluded_sectors
+            .iter()
+            .any(|sector| sector.contains(direction));
         covered
             || self
                 .known_objects()

@@ -44,7 +44,7 @@ pub(super) struct Assessment {
     /// Changes in the order in which they are to be made, each with equally good ones behind it.
     pub(super) improvements: Vec<Vec<Improvement>>,
     /// The configured field explains the points no better than an arbitrary one.
-    pub(super) arbitrary: bool,
+    pub(super) fits_no_better_than_random: bool,
 }
 
 /// Most changes on top of each other.
@@ -96,16 +96,16 @@ pub(super) fn assess(
     };
     let mut explanation = configured.clone();
     let mut improvements: Vec<Vec<Improvement>> = Vec::new();
-    let mut arbitrary = false;
+    let mut no_better_than_random = false;
     while improvements.len() < CHANGES_MAX {
         let (found, no_better) = trial.improve(&variant, &explanation, effort);
-        arbitrary |= no_better && improvements.is_empty();
+        no_better_than_random |= no_better && improvements.is_empty();
         let Some(best) = found.first() else { break };
         (variant, explanation) = (best.after.clone(), best.explanation.clone());
         improvements.push(found);
     }
     Assessment {
-        arbitrary: arbitrary && improvements.is_empty(),
+        fits_no_better_than_random: no_better_than_random && improvements.is_empty(),
         configured,
         improvements,
     }
@@ -137,10 +137,10 @@ impl Trial<'_> {
         let mut changes = Vec::new();
         if full || !sensors_fine {
             changes.extend(mounts());
-            changes.extend((1..4).map(Change::CompassTurn));
+            changes.extend((1..4).map(Change::CompassQuarterTurns));
         }
         if full || !sensors_fine || self.turns_are_fast() {
-            changes.extend([Change::CompassDegrees, Change::TurnDegrees]);
+            changes.extend([Change::CompassInDegrees, Change::OdometryRotationInDegrees]);
         }
         // Cheap, since the poses are known: a shifted centre takes points off the markings, too.
         let mut found: Vec<(Change, Improvement)> =

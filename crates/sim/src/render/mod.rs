@@ -25,7 +25,7 @@ use vision::{Mount, Profile};
 
 pub use row_transform::CameraMotion;
 pub(crate) use row_transform::level_from_body;
-pub use scene::Scene;
+pub use scene::{Scene, SceneBall};
 
 use crate::hall::HallConfig;
 use crate::image_sensor::{
@@ -33,6 +33,7 @@ use crate::image_sensor::{
     site_colours,
 };
 use crate::light::LightConfig;
+use crate::sector::Sector;
 use draw_list::DrawList;
 use environment::Environment;
 use ground::{Ground, Scratch};
@@ -162,8 +163,8 @@ impl Renderer {
             &mut self.sharp
         };
         self.own.draw(image);
-        for &(middle, width) in scene.occlusions {
-            draw_occlusion(middle, width, &self.rays, image);
+        for sector in scene.occluded_sectors {
+            draw_occlusion(sector, &self.rays, image);
         }
         self.development
             .develop(film, scene.light_colour, image, pixels);
@@ -373,12 +374,12 @@ fn extract_colours<const EVEN: usize, const ODD: usize>(
     }
 }
 
-/// Blackens a sector: centre and full width, radians, robot frame.
-fn draw_occlusion(middle: f32, width: f32, rays: &SortedRays, image: &mut [LightPixel]) {
+/// Blackens a sector.
+fn draw_occlusion(&Sector { centre, width }: &Sector, rays: &SortedRays, image: &mut [LightPixel]) {
     let inside = (width / 2.0).min(std::f32::consts::PI).cos();
-    let (sin, cos) = middle.sin_cos();
+    let (sin, cos) = centre.sin_cos();
     let [red, green, blue] = HOOD.map(tones);
-    let range = rays.range_of_sector(middle - width / 2.0, middle + width / 2.0);
+    let range = rays.range_of_sector(centre - width / 2.0, centre + width / 2.0);
     for tile in &rays.tiles {
         for ray in rays.runs_in(&range, tile).flatten() {
             if cos * rays.direction_x[ray] + sin * rays.direction_y[ray] >= inside {

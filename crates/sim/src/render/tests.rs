@@ -48,11 +48,16 @@ fn render_fixture(mount: Mount) -> RenderFixture {
 }
 
 impl RenderFixture {
-    fn render(&mut self, pose: Pose, robots: &[RobotState], occlusions: &[(f32, f32)]) -> Vec<u8> {
+    fn render(
+        &mut self,
+        pose: Pose,
+        robots: &[RobotState],
+        occluded_sectors: &[Sector],
+    ) -> Vec<u8> {
         let scene = Scene {
             pose,
             robots,
-            occlusions,
+            occluded_sectors,
             ..Scene::default()
         };
         let mut rgb = Vec::new();
@@ -196,7 +201,14 @@ fn occlusion_blackens_only_its_sector() {
     let mut fixture = render_fixture(Mount::default());
     let pose = Pose::new(0.0, 0.0, 0.0);
     let clear = fixture.render(pose, &[], &[]);
-    let covered = fixture.render(pose, &[], &[(1.0, 0.8)]);
+    let covered = fixture.render(
+        pose,
+        &[],
+        &[Sector {
+            centre: 1.0,
+            width: 0.8,
+        }],
+    );
     for (pixel, ray) in fixture.table.rays.iter().enumerate() {
         let Some(ray) = ray else { continue };
         let off =

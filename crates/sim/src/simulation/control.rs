@@ -7,6 +7,7 @@ use super::Simulator;
 use crate::image_sensor::ImageSensorConfig;
 use crate::people::Person;
 use crate::scenario::FaultKind;
+use crate::sector::Sector;
 use crate::world::{BallState, RobotState};
 
 impl Simulator {
@@ -81,8 +82,8 @@ impl Simulator {
     }
 
     /// Blackens a sector of the view (centre and full width, degrees); `None` ends it.
-    pub fn set_occlusion(&mut self, sector_deg: Option<(f32, f32)>) {
-        self.occlusion_override = sector_deg;
+    pub fn set_occlusion(&mut self, sector: Option<Sector>) {
+        self.occlusion_override = sector;
     }
 
     /// The camera's settings.

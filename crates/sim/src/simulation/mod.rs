@@ -25,6 +25,7 @@ use crate::people::{People, Person};
 use crate::render::{CameraMotion, Renderer, RendererConfig};
 use crate::rocking::Rocking;
 use crate::scenario::{FaultKind, Scenario, ScenarioError};
+use crate::sector::Sector;
 use crate::sensors::{CompassModel, ImuModel};
 use crate::world::{BallState, RobotState, STEP, STEP_NANOSECONDS, SimWorld};
 
@@ -156,7 +157,7 @@ pub struct Simulator {
     /// Overrides the scenario's light level.
     light_override: Option<f32>,
     /// Additional black sector: centre and full width, degrees.
-    occlusion_override: Option<(f32, f32)>,
+    occlusion_override: Option<Sector>,
     imu: Option<(ImuModel, SampleTimer)>,
     compass: Option<(CompassModel, SampleTimer)>,
     odometry_timer: SampleTimer,

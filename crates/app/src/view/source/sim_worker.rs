@@ -9,6 +9,7 @@ use anyhow::Result;
 use localize::Pose;
 use localize::frames::{At, FieldFrame};
 use localize::omni::Twist;
+use sim::Sector;
 use sim::image_sensor::ImageSensorConfig;
 use sim::scenario::FaultKind;
 
@@ -46,7 +47,7 @@ pub(crate) enum SourceRequest {
     /// Light level; None restores the scenario's.
     SetLightLevel(Option<f32>),
     /// Black sector in the image: centre and width, degrees.
-    SetOcclusion(Option<(f32, f32)>),
+    SetOcclusion(Option<Sector>),
     /// Image sensor settings.
     SetImageSensor(ImageSensorConfig),
     /// Commanded velocity; None restores the scenario's motion.
