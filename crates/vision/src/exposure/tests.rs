@@ -140,7 +140,10 @@ fn brightness_returns_after_each_of_many_light_changes() {
         let (lights, _) = simulate_exposure(gamma, 1200, light);
         for index in (179..1200).step_by(60) {
             let rest = gamma * (lights[index] / lights[59]).ln();
-            assert!(rest.abs() < 1.1f32.ln(), "gamma {gamma}, image {index}: {rest}");
+            assert!(
+                rest.abs() < 1.1f32.ln(),
+                "gamma {gamma}, image {index}: {rest}"
+            );
         }
     }
 }
