@@ -1,9 +1,10 @@
 //! Where does a ground point of an upright robot's map lie when the robot is tilted, and the inverse?
 //!
 //! A calibrated map holds for an upright robot. With tilt (a, b), the x and y components of the vertical in the robot
-//! frame (radians), the ray to map point p = (X, Y) meets the ground elsewhere (docs/methods.md 3.3). The viewpoint
-//! stays at height H above the robot frame's origin. Nothing is linearised but the rotation itself, whose second-order
-//! terms are dropped: along the line of sight the tilt is a tangent in place of a sine.
+//! frame (radians), the ray to map point p = (X, Y) meets the ground elsewhere (docs/methods.md 3.3). The robot tilts
+//! about its foot, the robot frame's origin on the ground, so that its viewpoint at height H moves by −(a, b) H. Nothing is
+//! linearised but the rotation itself, whose second-order terms are dropped: along the line of sight the tilt is a
+//! tangent in place of a sine.
 //!
 //! The order of operations is part of the definition: poses are reproducible bit by bit.
 
@@ -20,13 +21,18 @@ fn ray_depth<T: RealField + Copy>([x, y]: [T; 2], [a, b]: [T; 2], height: T) -> 
 
 /// The ground point (metres, robot frame) that a robot with tilt (a, b) sees at `map_point` of its upright map.
 ///
-/// q = (p + (a, b) H) · H/(H − s). The depth H − s is bounded from below by H/2, so that the result is always finite.
+/// q = (p + (a, b) H) · H/(H − s) − (a, b) H. The depth H − s is bounded from below by H/2, so that the result is always
+/// finite.
 #[inline]
 pub fn ground_from_map<T: RealField + Copy>(map_point: [T; 2], tilt: [T; 2], height: T) -> [T; 2] {
     let ([x, y], [a, b]) = (map_point, tilt);
     let depth = ray_depth(map_point, tilt, height).max(convert::<f64, T>(DEPTH_SHARE_MIN) * height);
     let stretch = height / depth;
-    [(x + a * height) * stretch, (y + b * height) * stretch]
+    let (shift_x, shift_y) = (a * height, b * height);
+    [
+        (x + shift_x) * stretch - shift_x,
+        (y + shift_y) * stretch - shift_y,
+    ]
 }
 
 /// As [`ground_from_map`], but unbounded: None if the ray's depth is not above `depth_min` (metres, positive).
@@ -41,14 +47,18 @@ pub fn ground_above_depth<T: RealField + Copy>(
     let depth = ray_depth(map_point, tilt, height);
     (depth > depth_min).then(|| {
         let stretch = height / depth;
-        [(x + a * height) * stretch, (y + b * height) * stretch]
+        let (shift_x, shift_y) = (a * height, b * height);
+        [
+            (x + shift_x) * stretch - shift_x,
+            (y + shift_y) * stretch - shift_y,
+        ]
     })
 }
 
 /// The point of the upright map (metres, robot frame) at which a robot with tilt (a, b) sees `ground_point`.
 ///
-/// The exact inverse of [`ground_from_map`]: p = q · H (1 + a² + b²)/(H + s′) − (a, b) H, with s′ = (a, b)·q.
-/// None if the upright map does not show the point, because the ray to it lies above the map's horizon.
+/// The exact inverse of [`ground_from_map`]: p = w · H (1 + a² + b²)/(H + s′) − (a, b) H, with w = q + (a, b) H as seen from
+/// below the viewpoint, and s′ = (a, b)·w. None if the upright map does not show the point, because the ray to it lies above the map's horizon.
 #[inline]
 pub fn map_from_ground<T: RealField + Copy>(
     ground_point: [T; 2],
@@ -56,10 +66,12 @@ pub fn map_from_ground<T: RealField + Copy>(
     height: T,
 ) -> Option<[T; 2]> {
     let ([x, y], [a, b]) = (ground_point, tilt);
+    let (shift_x, shift_y) = (a * height, b * height);
+    let (x, y) = (x + shift_x, y + shift_y);
     let along = height + a * x + b * y;
     (along > T::zero()).then(|| {
         let shrink = height * (T::one() + a * a + b * b) / along;
-        [x * shrink - a * height, y * shrink - b * height]
+        [x * shrink - shift_x, y * shrink - shift_y]
     })
 }
 
@@ -76,10 +88,15 @@ mod tests {
         Vector3::new(x, y, -HEIGHT)
     }
 
-    /// Where a ray from the viewpoint meets the ground plane z = 0.
-    fn ground_intersection(ray: Vector3<f64>) -> [f64; 2] {
-        let scale = HEIGHT / -ray.z;
-        [scale * ray.x, scale * ray.y]
+    /// Where a ray from `origin` meets the ground plane z = 0.
+    fn ground_intersection(origin: Vector3<f64>, ray: Vector3<f64>) -> [f64; 2] {
+        let scale = origin.z / -ray.z;
+        [origin.x + scale * ray.x, origin.y + scale * ray.y]
+    }
+
+    /// The viewpoint of an upright robot, whose foot is the origin.
+    fn viewpoint() -> Vector3<f64> {
+        Vector3::new(0.0, 0.0, HEIGHT)
     }
 
     /// The axis and size of the rotation that takes the tilted vertical to the vertical, as a vector.
@@ -118,9 +135,9 @@ mod tests {
         #[test]
         fn ground_from_map_equals_a_ray_plane_intersection(tilt in tilts(), point in points()) {
             prop_assume!(ray_depth(point, tilt, HEIGHT) > 0.5 * HEIGHT);
-            // The ray under the rotation without its second-order terms: v + ω × v.
-            let ray = map_ray(point) + rotation_vector(tilt).cross(&map_ray(point));
-            let exact = ground_intersection(ray);
+            // Ray and viewpoint under the rotation without its second-order terms: v + ω × v.
+            let turned = |v: Vector3<f64>| v + rotation_vector(tilt).cross(&v);
+            let exact = ground_intersection(turned(viewpoint()), turned(map_ray(point)));
             prop_assert!(distance(ground_from_map(point, tilt, HEIGHT), exact) < 1e-9);
             let single = ground_from_map(point.map(|v| v as f32), tilt.map(|v| v as f32), HEIGHT as f32);
             prop_assert!(distance(single.map(f64::from), exact) < 24.0 * 8.0 * f64::from(f32::EPSILON));
@@ -134,10 +151,13 @@ mod tests {
             let size = tilt[0].hypot(tilt[1]);
             // The tilt (a, b) is a tangent along the line of sight.
             let axis = rotation_vector(tilt) * (size.atan() / size.max(1e-12));
-            let exact = ground_intersection(Rotation3::new(axis) * map_ray(point));
+            let rotation = Rotation3::new(axis);
+            let exact = ground_intersection(rotation * viewpoint(), rotation * map_ray(point));
             let stretch = HEIGHT / ray_depth(point, tilt, HEIGHT);
-            // Across the tilt's direction a full rotation shrinks the point by cos φ, 1 − φ²/2.
-            let bound = 0.5 * size * size * stretch * point[0].hypot(point[1]) + 1e-9;
+            // Across the tilt's direction a full rotation shrinks the point by cos φ, 1 − φ²/2, and lowers the viewpoint
+            // by the same share.
+            let range = point[0].hypot(point[1]) + size * HEIGHT;
+            let bound = size * size * stretch * range + 1e-9;
             prop_assert!(distance(ground_from_map(point, tilt, HEIGHT), exact) <= bound);
         }
     }

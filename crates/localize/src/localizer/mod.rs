@@ -114,6 +114,8 @@ pub struct Localizer {
     tilt_prior: TiltPrior,
     /// Posterior variances of the tilt in the last tracked image, rad².
     tilt_variances: Option<[f32; 2]>,
+    /// Of (x, y, θ): errors that successive images repeat, as of the last tracked image.
+    repeated_covariance: Matrix3<f32>,
     /// Check of the tracked pose against the whole field, a part in each image.
     global_check: Option<GlobalCheck>,
     /// Smoothed over about a second of tracked images.
@@ -195,6 +197,7 @@ impl Localizer {
             global_check: None,
             tilt_prior: TiltPrior::FromState,
             tilt_variances: None,
+            repeated_covariance: Matrix3::zeros(),
             particles_stamp: Stamp(i64::MIN),
             last_odometry: None,
             odometry_continuous: false,
@@ -311,7 +314,7 @@ impl Localizer {
             line_points: points.len(),
             ..self.predict_estimate_to(stamp, estimate)
         };
-        self.add_map_uncertainty(&mut estimate);
+        self.add_repeated_errors(&mut estimate);
         if self
             .fit_monitor
             .is_doubtful(self.config.mode.inlier_share_min)
@@ -319,6 +322,14 @@ impl Localizer {
             estimate.doubt_setup(&self.uniform_covariance);
         }
         estimate
+    }
+
+    /// Adds the errors of the map that filtering does not average away.
+    fn add_repeated_errors(&self, estimate: &mut Estimate) {
+        if self.state.track().is_some() {
+            estimate.covariance += self.repeated_covariance;
+        }
+        self.add_map_uncertainty(estimate);
     }
 
     /// Adds the image to the figures of the fit.

@@ -122,6 +122,7 @@ impl Localizer {
             .filter
             .update(&matched, self.tilt_prior, &self.config.filter);
         self.learn_map(stamp, points, &matched, predicted, &mut track.filter);
+        self.repeated_covariance = matched.repeated_covariance;
         self.tilt_variances = Some([3, 4].map(|k| matched.pose_tilt_covariance[(k, k)]));
         self.mean_inlier_share += 0.05 * (matched.inlier_share - self.mean_inlier_share);
         self.confirm_pose(track);
@@ -276,7 +277,7 @@ impl Localizer {
     /// Displacement of a typical point by the standard deviation of the tilt, metres (docs/methods.md 3.1).
     fn tilt_displacement(&self) -> f32 {
         let height = self.config.matching.viewpoint_height;
-        self.matcher.tilt_std() * (height + TYPICAL_RANGE * TYPICAL_RANGE / height)
+        self.matcher.tilt_std() * TYPICAL_RANGE * TYPICAL_RANGE / height
     }
 
     /// Is the inlier share too low, absolutely or against its mean?

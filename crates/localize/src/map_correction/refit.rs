@@ -139,13 +139,7 @@ impl MapCorrection {
             let kept = kernel_squared / (kernel_squared + squared);
             score += kept;
             let per_height = along / height;
-            let pose_row = [
-                nx,
-                ny,
-                ny * rx - nx * ry,
-                mx * height + px * per_height,
-                my * height + py * per_height,
-            ];
+            let pose_row = [nx, ny, ny * rx - nx * ry, px * per_height, py * per_height];
             sums.add(
                 &pose_row,
                 &map_row,

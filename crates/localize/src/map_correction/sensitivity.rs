@@ -82,13 +82,7 @@ impl MapCorrection {
             let robust_weight = kept * kept;
             let (mx, my) = (cos * nx + sin * ny, cos * ny - sin * nx);
             let per_height = along / height;
-            let pose_row = [
-                nx,
-                ny,
-                ny * rx - nx * ry,
-                mx * height + px * per_height,
-                my * height + py * per_height,
-            ];
+            let pose_row = [nx, ny, ny * rx - nx * ry, px * per_height, py * per_height];
             let map_row = raw.derivatives.map(|[dx, dy]| mx * dx + my * dy);
             widened.add_cross(&pose_row, &map_row, robust_weight / wide);
             if for_map {

@@ -7,6 +7,7 @@
 
 pub mod distance_field;
 mod point_spread;
+mod repeated_errors;
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use schemars::JsonSchema;
@@ -19,6 +20,7 @@ use crate::sample::LinePoint;
 use crate::tilt;
 
 use point_spread::{PointSpread, Residual};
+use repeated_errors::{Remainder, RepeatedErrors};
 
 /// Method of minimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -94,6 +96,8 @@ pub struct Match {
     pub tilt: [f32; 2],
     /// Of (x, y, θ, a, b).
     pub pose_tilt_covariance: Matrix5,
+    /// Of (x, y, θ): the part of this image's error that further images here repeat (docs/methods.md 5.9).
+    pub repeated_covariance: Matrix3<f32>,
     /// Number of parameters that the points determined, at most 5. The prior determined the others.
     pub determined_parameters: f32,
     /// Variance of the residuals over that of the points, from this image alone (docs/methods.md 5.6).
@@ -132,6 +136,11 @@ pub struct Matcher {
     points: Vec<PreparedPoint>,
     prior: PosePrior,
     spread: PointSpread,
+    repeated: RepeatedErrors,
+    residuals: Vec<Residual>,
+    remainders: Vec<Remainder>,
+    /// Variance of the present image's mean error over that of independent points.
+    repetition: f32,
 }
 
 /// Number of parameters: pose and tilt.
@@ -150,6 +159,9 @@ pub(crate) const UNINFORMATIVE_PRIOR: Matrix3<f32> =
 /// Variance of a matched pose over that of independent residuals: a point is compared with the nearest marking, which is
 /// not always its own, so that residuals understate errors (measured on synthetic drives, docs/methods.md 5.6).
 const NEAREST_MARKING_SCALE: f32 = 1.15;
+
+/// Repeated variance, relative to that of independent points, from which it is reported.
+const REPEATED_MIN: f32 = 0.02;
 
 /// Sums over the points at one pose.
 struct NormalEquations {
@@ -170,6 +182,10 @@ impl Matcher {
     pub fn new(config: MatchConfig) -> Self {
         Matcher {
             spread: PointSpread::new(config.spread_learning_std),
+            repeated: RepeatedErrors::new(),
+            residuals: Vec::new(),
+            remainders: Vec::new(),
+            repetition: 1.0,
             config,
             points: Vec::new(),
             prior: PosePrior {
@@ -209,9 +225,10 @@ impl Matcher {
             pose: start,
             information: self.uninformative_prior(),
         };
+        self.repetition = self.repeated.image_factor();
         Match {
             mahalanobis_squared: 0.0,
-            ..self.refine_with_prior(distances, points, uninformative, start_error)
+            ..self.minimise(distances, points, uninformative, [0.0; 2], start_error)
         }
     }
 
@@ -229,6 +246,18 @@ impl Matcher {
 
     /// The same from another tilt than the expected one, radians.
     pub fn refine_from_tilt(
+        &mut self,
+        distances: &DistanceField,
+        points: &[LinePoint],
+        prior: PosePrior,
+        tilt: [f32; 2],
+        start_error: f32,
+    ) -> Match {
+        self.repetition = self.repeated.sequence_factor(prior.pose);
+        self.minimise(distances, points, prior, tilt, start_error)
+    }
+
+    fn minimise(
         &mut self,
         distances: &DistanceField,
         points: &[LinePoint],
@@ -280,7 +309,8 @@ impl Matcher {
         let mut last = Vector3::zeros();
         for count in 1..=self.config.steps_max {
             let sums = self.accumulate(distances, state, kernel_factor);
-            let prior_gradient = self.prior.information * self.prior_residual(state);
+            let prior_gradient =
+                self.prior.information * self.prior_residual(state) * self.repetition;
             let gradient = (sums.gradient + prior_gradient)
                 .fixed_rows::<3>(0)
                 .into_owned();
@@ -312,6 +342,7 @@ impl Matcher {
         pose: Pose,
     ) -> Match {
         let information = self.uninformative_prior();
+        self.repetition = self.repeated.image_factor();
         self.prepare(points, PosePrior { pose, information });
         let state = Vector5::from([pose.x, pose.y, pose.theta, 0.0, 0.0]);
         let sums = self.accumulate(distances, &state, 1.0);
@@ -338,29 +369,61 @@ impl Matcher {
         }));
     }
 
-    /// Learns the spread of the points from the residuals of the last match, `matched`, an image `seconds` after the
-    /// previous one (docs/methods.md 5.8).
+    /// Learns the spread of the points and how their errors repeat from the residuals of the last match, `matched`, an
+    /// image `seconds` after the previous one (docs/methods.md 5.8, 5.9).
     pub fn learn_spread(&mut self, distances: &DistanceField, matched: &Match, seconds: f32) {
-        let (sin, cos) = math::sin_cos(matched.pose.theta);
+        let Pose { x, y, theta, .. } = matched.pose;
+        let state = Vector5::from([x, y, theta, matched.tilt[0], matched.tilt[1]]);
+        let sums = self.accumulate(distances, &state, 1.0);
+        // What a pose from these points alone would explain is no error of theirs.
+        let free = (sums.normal + self.uninformative_prior())
+            .cholesky()
+            .map_or_else(Vector5::zeros, |cholesky| -cholesky.solve(&sums.gradient));
+        let (sin, cos) = math::sin_cos(theta);
         let height = self.config.viewpoint_height;
-        let residuals = self.points.iter().map(|point| {
-            let [x, y] = tilt::ground_from_map([point.x, point.y], matched.tilt, height);
-            let (rx, ry) = (cos * x - sin * y, sin * x + cos * y);
-            let near = distances.nearest(matched.pose.x + rx, matched.pose.y + ry);
-            let radial = near.normal[0] * rx + near.normal[1] * ry;
-            Residual {
+        let inverse_height = 1.0 / height;
+        self.residuals.clear();
+        self.remainders.clear();
+        for point in &self.points {
+            let [px, py] = tilt::ground_from_map([point.x, point.y], matched.tilt, height);
+            let (rx, ry) = (cos * px - sin * py, sin * px + cos * py);
+            let near = distances.nearest(x + rx, y + ry);
+            let [nx, ny] = near.normal;
+            let radial = nx * rx + ny * ry;
+            let variance =
+                point.tangential_variance + point.radial_excess_variance * radial * radial;
+            self.residuals.push(Residual {
                 distance: near.signed_distance,
-                variance: point.tangential_variance
-                    + point.radial_excess_variance * radial * radial,
-                range: math::hypot(x, y),
-            }
-        });
+                variance,
+                range: (rx * rx + ry * ry).sqrt(),
+            });
+            let along = radial * inverse_height;
+            let explained = nx * free[0]
+                + ny * free[1]
+                + (ny * rx - nx * ry) * free[2]
+                + along * (px * free[3] + py * free[4]);
+            self.remainders.push(Remainder {
+                at: [
+                    x + rx - near.signed_distance * nx,
+                    y + ry - near.signed_distance * ny,
+                ],
+                sigmas: (near.signed_distance + explained) / variance.sqrt(),
+                normal: near.normal,
+            });
+        }
+        self.repeated
+            .update(self.remainders.iter().copied(), matched.pose);
         self.spread.update(
-            residuals,
+            self.residuals.iter().copied(),
             matched.determined_parameters,
             matched.observed_scale,
             seconds,
         );
+    }
+
+    /// Variance of an image's mean error over that of independent points.
+    pub fn image_repetition(&self) -> f32 {
+        self.repeated.image_factor()
     }
 
     /// Initial factor of the kernel scale, such that it covers `start_error` metres.
@@ -398,16 +461,9 @@ impl Matcher {
             let radial = nx * rx + ny * ry;
             let variance =
                 point.tangential_variance + point.radial_excess_variance * radial * radial;
-            // The normal in the robot frame, for the derivatives by the tilt (docs/methods.md 3.5).
-            let (mx, my) = (cos * nx + sin * ny, cos * ny - sin * nx);
+            // By the tilt: docs/methods.md 3.5.
             let along = radial * inverse_height;
-            let row = [
-                nx,
-                ny,
-                ny * rx - nx * ry,
-                mx * height + x * along,
-                my * height + y * along,
-            ];
+            let row = [nx, ny, ny * rx - nx * ry, x * along, y * along];
             let information = 1.0 / variance;
             let squared = near.signed_distance * near.signed_distance * information;
             // e(t) with t in standard deviations: 1 − e = k²/(k² + t²).
@@ -446,8 +502,9 @@ impl Matcher {
 
     /// The Gauss-Newton step with the prior; zero if the normal equations are singular.
     fn gauss_newton_step(&self, sums: &NormalEquations, state: &Vector5) -> Vector5 {
-        let normal = sums.normal + self.prior.information;
-        let gradient = sums.gradient + self.prior.information * self.prior_residual(state);
+        let prior = self.prior.information * self.repetition;
+        let normal = sums.normal + prior;
+        let gradient = sums.gradient + prior * self.prior_residual(state);
         let Some(cholesky) = normal.cholesky() else {
             return Vector5::zeros();
         };
@@ -498,12 +555,14 @@ impl Matcher {
         let scale = ((observed_scale * weight + expected_scale * stated_weight)
             / (weight + stated_weight))
             .clamp(0.1, 25.0);
-        let normal = sums.normal / (scale * NEAREST_MARKING_SCALE) + self.prior.information;
+        let normal = sums.normal / (scale * NEAREST_MARKING_SCALE * self.repetition)
+            + self.prior.information;
         let pose_tilt = normal.try_inverse().unwrap_or_else(|| {
             let information = self.uninformative_prior().diagonal();
             Matrix5::from_diagonal(&information.map(|value| 1.0 / value))
         });
         let pose_tilt = (pose_tilt + pose_tilt.transpose()) * 0.5;
+        let repeated_covariance = self.repeated_covariance(&sums.normal, scale);
         let deviation = self.prior_residual(state);
         let kernel_squared = self.config.kernel_scale_sigmas * self.config.kernel_scale_sigmas;
         Match {
@@ -512,6 +571,7 @@ impl Matcher {
             mahalanobis_squared: deviation.dot(&(self.prior.information * deviation)),
             tilt: [state[3], state[4]],
             pose_tilt_covariance: pose_tilt,
+            repeated_covariance,
             determined_parameters: PARAMETERS as f32 - (pose_tilt * self.prior.information).trace(),
             observed_scale,
             variance_scale: scale,
@@ -522,6 +582,23 @@ impl Matcher {
             cost: 0.5 * kernel_squared * (self.points.len() as f32 - sums.score),
             steps,
         }
+    }
+}
+
+impl Matcher {
+    /// Covariance of (x, y, θ) by the errors that repeat. None of it is known where the points say nothing.
+    fn repeated_covariance(&self, normal: &Matrix5, scale: f32) -> Matrix3<f32> {
+        let factor = self.repeated.floor_factor();
+        if factor < REPEATED_MIN {
+            return Matrix3::zeros();
+        }
+        let information = normal / (scale * factor) + self.uninformative_prior();
+        information
+            .try_inverse()
+            .map_or_else(Matrix3::zeros, |covariance| {
+                let pose = covariance.fixed_view::<3, 3>(0, 0);
+                (pose + pose.transpose()) * 0.5
+            })
     }
 }
 

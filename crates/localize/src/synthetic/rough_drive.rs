@@ -492,9 +492,10 @@ fn camera_rotation([a, b]: [f64; 2]) -> Rotation3<f64> {
     Rotation3::rotation_between(&Vector3::z(), &up).unwrap_or_else(Rotation3::identity)
 }
 
-/// Where the map of an upright robot shows a ground point of a tilted one.
+/// Where the map of an upright robot shows a ground point of a robot that is tilted about its foot.
 fn tilted_map_point(camera_from_world: &Rotation3<f64>, [x, y]: [f64; 2]) -> [f64; 2] {
-    let seen = camera_from_world * Vector3::new(x, y, -MIRROR_HEIGHT);
+    let body = camera_from_world * Vector3::new(x, y, 0.0);
+    let seen = body - Vector3::new(0.0, 0.0, MIRROR_HEIGHT);
     let scale = MIRROR_HEIGHT / (-seen.z).max(0.05);
     [seen.x * scale, seen.y * scale]
 }

@@ -246,9 +246,8 @@ impl WorldModel {
             0.0 => Vector2::x(),
             range => Vector2::new(at.x, at.y) / range,
         };
-        // A remaining tilt moves it along the line of sight by (r² + H²)/H per radian (docs/methods.md 3.6).
-        let tilt_std =
-            self.config.tilt_std_deg.to_radians() * (range * range + height * height) / height;
+        // A remaining tilt moves it along the line of sight by r²/H per radian (docs/methods.md 3.6).
+        let tilt_std = self.config.tilt_std_deg.to_radians() * range * range / height;
         let airborne_std = if observation.airborne {
             self.config.airborne_range_share * range
         } else {
