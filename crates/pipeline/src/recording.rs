@@ -235,7 +235,7 @@ fn read_magnetic_fields(folder: &Path) -> Result<BTreeMap<Stamp, [f32; 2]>> {
 }
 
 /// Columns of imu.csv: specific force and rate, axes of the robot (or of the unit, if robot.toml has its mounting).
-pub(crate) const IMU_COLUMNS: [&str; 6] = [
+pub const IMU_COLUMNS: [&str; 6] = [
     "ax_m_s2", "ay_m_s2", "az_m_s2", "wx_rad_s", "wy_rad_s", "wz_rad_s",
 ];
 
