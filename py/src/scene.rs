@@ -10,9 +10,9 @@ use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use sim::hall::HallConfig;
-use sim::image_sensor::FilmConfig;
+use sim::image_sensor::ImageSensorConfig;
 use sim::light::LightConfig;
-use sim::render::{Renderer, RendererConfig, Scene};
+use sim::render::{Renderer, RendererConfig, Scene, SceneBall};
 use sim::scenario::BallConfig;
 use sim::world::RobotState;
 
@@ -121,17 +121,17 @@ pub(crate) fn render<'py>(
     } else {
         bare()
     };
-    let film = FilmConfig {
+    let film = ImageSensorConfig {
         exposure,
         blur_px,
-        ..FilmConfig::default()
+        ..ImageSensorConfig::default()
     };
     let others: Vec<RobotState> = robots
         .iter()
         .map(|&[x, y, theta]| RobotState {
             pose: Pose::new(x, y, theta),
             velocity: [0.0; 2],
-            omega: 0.0,
+            yaw_rate: 0.0,
             team: TeamColour::Magenta,
         })
         .collect();
@@ -155,7 +155,11 @@ pub(crate) fn render<'py>(
         let scene = Scene {
             pose: Pose::new(pose[0], pose[1], pose[2]),
             robots: &others,
-            ball: ball.map(|[x, y]| (At::new(x, y), ball_kind.diameter, ball_kind.colour)),
+            ball: ball.map(|[x, y]| SceneBall {
+                at: At::new(x, y),
+                diameter: ball_kind.diameter,
+                colour: ball_kind.colour,
+            }),
             ..Scene::default()
         };
         renderer.render(&scene, &film, &mut rgb);

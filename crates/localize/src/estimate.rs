@@ -105,7 +105,7 @@ pub struct Estimate {
 
 impl Estimate {
     /// Marks the pose as that of a doubtful set-up: it is not tracked, and `covariance` is added to its own.
-    pub fn doubt_setup(&mut self, covariance: &Matrix3<f32>) {
+    pub fn mark_setup_doubtful(&mut self, covariance: &Matrix3<f32>) {
         if self.pose.is_none() {
             return;
         }

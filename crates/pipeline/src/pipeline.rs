@@ -154,7 +154,7 @@ impl Pipeline {
     }
 
     /// Marks every pose as that of a doubtful set-up and adds this covariance to its own.
-    pub fn doubt_setup(&mut self, covariance: Matrix3<f32>) {
+    pub fn mark_setup_doubtful(&mut self, covariance: Matrix3<f32>) {
         self.doubt = Some(covariance);
     }
 
@@ -182,7 +182,7 @@ impl Pipeline {
     /// Replay does the same at the same cycle, so its bits are equal.
     pub fn replace_by(&mut self, mut next: Pipeline, settings: Arc<str>) {
         next.warm_start_from(self);
-        next.inputs.settings = Some(settings);
+        next.inputs.changed_config_toml = Some(settings);
         *self = next;
     }
 
@@ -205,7 +205,7 @@ impl Pipeline {
             Sample::Command(command) => self.inputs.commands.push(command),
             Sample::TeamReport(report) => self.inputs.reports.push(report),
             Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
-            Sample::Settings(settings) => self.inputs.settings = Some(settings),
+            Sample::Settings(settings) => self.inputs.changed_config_toml = Some(settings),
             Sample::Image(image) => return Some(self.process_image(image)),
         }
         None
@@ -219,13 +219,13 @@ impl Pipeline {
         let see_ms = elapsed_ms(started);
         let started = Instant::now();
         inputs.image = features.image;
-        inputs.setting = image.setting;
+        inputs.exposure_setting = image.setting;
         self.add_inputs(&inputs);
         let goals = correct_goals(features.goals, self.localizer.map_correction());
         self.localizer.add_goals(stamp, &goals);
         let mut estimate = self.localizer.process_points(stamp, &features.line_points);
         if let Some(covariance) = &self.doubt {
-            estimate.doubt_setup(covariance);
+            estimate.mark_setup_doubtful(covariance);
         }
         let observations = features
             .detections
@@ -249,7 +249,7 @@ impl Pipeline {
             world,
             team,
             exposure: features.exposure,
-            fault: features.fault,
+            image_fault: features.fault,
             timings: Timings {
                 see_ms,
                 localize_ms: elapsed_ms(started),

@@ -191,7 +191,7 @@ impl Recording {
     }
 
     /// The samples that are still to come, images as paths.
-    pub(crate) fn events(&self) -> &[RecordedSample] {
+    pub(crate) fn remaining_samples(&self) -> &[RecordedSample] {
         self.events.as_slice()
     }
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 
 use super::encoded_image::ImageCompression;
-use super::mcap_records::LogEnd;
+use super::mcap_records::LogCompleteness;
 use super::read::{LogReader, LoggedCycle};
 use crate::csv_table::format_seconds;
 use crate::recording::IMU_COLUMNS;
@@ -20,7 +20,7 @@ pub struct ExportSummary {
     /// Rows of odometry.csv.
     pub odometry: u64,
     /// How the log ended.
-    pub end: LogEnd,
+    pub end: LogCompleteness,
 }
 
 /// Writes a log as a recording folder, which gets its name only when it is complete.
@@ -76,7 +76,7 @@ fn write_recording(mut log: LogReader, folder: &Path) -> Result<ExportSummary> {
     for logged in log.by_ref() {
         tables.write_cycle(&logged?)?;
     }
-    let end = log.end().unwrap_or(LogEnd::Truncated);
+    let end = log.end().unwrap_or(LogCompleteness::Truncated);
     tables.finish(end)
 }
 
@@ -171,7 +171,7 @@ impl RecordingTables {
         Ok(())
     }
 
-    fn finish(self, end: LogEnd) -> Result<ExportSummary> {
+    fn finish(self, end: LogCompleteness) -> Result<ExportSummary> {
         let images = self.frames.rows;
         let exported = ExportSummary {
             frames: if images > 0 {

@@ -7,8 +7,9 @@ use localize::math;
 use localize::tilt::ground_from_map;
 use localize::{Field, Pose};
 use serde::Serialize;
+use sim::Sector;
 use sim::world::OTHER_HALF_SIDE;
-use vision::config::ObjectConfig;
+use vision::config::ObjectDetectionConfig;
 use vision::objects::robots::RobotDetection;
 use vision::{Detections, GroundMap, overlay};
 
@@ -39,8 +40,8 @@ pub struct GroundTruthScene<'a> {
     pub field: &'a Field,
     /// The ground map.
     pub map: &'a GroundMap,
-    /// Covered sectors of the view: centre and full width, radians, robot frame.
-    pub occluded_sectors: &'a [(f32, f32)],
+    /// Covered sectors of the view.
+    pub occluded_sectors: &'a [Sector],
     /// Ball and robots. None if they are unknown.
     pub objects: Option<&'a [GroundTruthObject]>,
     /// People. A robot that is detected in their place is an obstacle in its place: neither found nor false.
@@ -428,7 +429,7 @@ impl GroundTruthScene<'_> {
             at: self.pose.inverse() * robot.at,
             outline: match robot.heading {
                 Some(heading) => BodyOutline::Square(OTHER_HALF_SIDE, heading - self.pose.theta),
-                None => BodyOutline::Circle(ObjectConfig::default().robot_radius),
+                None => BodyOutline::Circle(ObjectDetectionConfig::default().robot_radius),
             },
         };
         robots.map(body).collect()
@@ -437,7 +438,11 @@ impl GroundTruthScene<'_> {
     /// True if a robot or a covered sector occludes this point.
     fn is_occluded(&self, at: At<RobotFrame>) -> bool {
         let range = at.distance();
-        let covered = visibility::is_in_sectors(math::atan2(at.y, at.x), self.occluded_sectors);
+        let direction = math::atan2(at.y, at.x);
+        let covered = self
+            .occluded_sectors
+            .iter()
+            .any(|sector| sector.contains(direction));
         covered
             || self
                 .known_objects()
@@ -461,7 +466,7 @@ impl GroundTruthScene<'_> {
             let mut bodies = self.robot_bodies();
             bodies.push(Body {
                 at,
-                outline: BodyOutline::Circle(ObjectConfig::default().ball_radius),
+                outline: BodyOutline::Circle(ObjectDetectionConfig::default().ball_radius),
             });
             let visibilities = visibility::body_visibilities(&bodies, self.occluded_sectors);
             return visibilities
@@ -470,9 +475,9 @@ impl GroundTruthScene<'_> {
         };
         vision::objects::ball::expected_ball_pixels_at(
             self.map,
-            &ObjectConfig {
+            &ObjectDetectionConfig {
                 viewpoint_height: self.viewpoint_height,
-                ..ObjectConfig::default()
+                ..ObjectDetectionConfig::default()
             },
             at,
         )

@@ -88,7 +88,7 @@ impl RunStatistics {
     /// Adds a cycle, with its error if the truth is known.
     pub fn add_cycle(&mut self, cycle: &Cycle, error: Option<PoseError>) {
         self.modes[cycle.estimate.mode as usize] += 1;
-        self.unreadable += usize::from(cycle.fault.is_some());
+        self.unreadable += usize::from(cycle.image_fault.is_some());
         self.line_points.push(cycle.line_points.len() as f64);
         self.see_ms.push(f64::from(cycle.timings.see_ms));
         self.localize_ms.push(f64::from(cycle.timings.localize_ms));

@@ -7,7 +7,7 @@ use localize::frames::{At, RobotFrame};
 use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::objects::covariance::covariance_from_polar;
 use crate::optics::ground_map::GroundMap;
@@ -36,7 +36,7 @@ pub(crate) struct BallDetector<'a> {
     pub(crate) image: &'a ImageView<'a>,
     pub(crate) map: &'a GroundMap,
     pub(crate) lookup_table: &'a ColourLookupTable,
-    pub(crate) config: &'a ObjectConfig,
+    pub(crate) config: &'a ObjectDetectionConfig,
     /// Range of the carpet's boundary along each ray, metres.
     pub(crate) carpet_end: &'a [f32],
     /// The mirror's axis in the image, pixels.
@@ -295,7 +295,7 @@ impl BallDetector<'_> {
 /// Pixels of a whole ball on the ground at a distance and image position: its solid angle over a pixel's.
 pub(crate) fn expected_ball_pixels(
     map: &GroundMap,
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
     range: f32,
     [u, v]: [f32; 2],
 ) -> Option<f32> {
@@ -313,7 +313,7 @@ pub(crate) fn expected_ball_pixels(
 /// Pixels of a whole ball at a ground point. None if the map does not show it.
 pub fn expected_ball_pixels_at(
     map: &GroundMap,
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
     at: At<RobotFrame>,
 ) -> Option<f32> {
     // The ball's centre projects to ground slightly beyond its contact point.

@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::objects::network::{NETWORKS, logistic};
 use crate::objects::patch::{
@@ -62,7 +62,7 @@ impl BallGrid {
     /// Places with `is_visible` false (own body, outside the mirror) are left out.
     pub(crate) fn new(
         angles: &ViewAngles,
-        config: &ObjectConfig,
+        config: &ObjectDetectionConfig,
         size_px: [usize; 2],
         is_visible: impl Fn(usize, usize) -> bool,
     ) -> Self {

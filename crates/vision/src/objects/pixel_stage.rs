@@ -8,7 +8,7 @@ use localize::robot::CameraConfig;
 use localize::world::TeamColour;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::objects::ball::BallDetection;
 use crate::objects::ball_candidates::{BallCandidate, BallGrid, separation};
@@ -49,7 +49,7 @@ pub(crate) struct PixelStageInput<'a> {
     pub(crate) image: &'a ImageView<'a>,
     pub(crate) map: &'a GroundMap,
     pub(crate) lookup_table: &'a ColourLookupTable,
-    pub(crate) config: &'a ObjectConfig,
+    pub(crate) config: &'a ObjectDetectionConfig,
 }
 
 impl PixelStage {
@@ -57,7 +57,7 @@ impl PixelStage {
         map: &GroundMap,
         camera: &CameraConfig,
         mask: Option<&[bool]>,
-        config: &ObjectConfig,
+        config: &ObjectDetectionConfig,
     ) -> Self {
         let angles = ViewAngles::new(map, camera.centre_px, config.viewpoint_height);
         let size = [map.width_px, map.height_px];

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::colour::pixel_classifier::PixelClassifier;
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
 use crate::optics::image_polar::nearest_pixel;
@@ -57,7 +57,7 @@ impl RadialScan {
         camera: &CameraConfig,
         mask: Option<&[bool]>,
         range_min: f32,
-        config: &ObjectConfig,
+        config: &ObjectDetectionConfig,
     ) -> Self {
         let (width, height) = (map.width_px as f32, map.height_px as f32);
         let (mut samples, mut starts) = (Vec::new(), vec![0]);
@@ -117,7 +117,7 @@ impl RadialScan {
     /// Gaps of up to `carpet_gap_max` plus `carpet_gap_per_range` times the range are ignored: cables, shadows, a ball.
     /// White counts a quarter, since a line may point at the robot. A ray whose nearest samples are covered (own body,
     /// a rod) starts at its first carpet.
-    pub(crate) fn find_carpet_ends(&self, config: &ObjectConfig) -> Vec<CarpetEnd> {
+    pub(crate) fn find_carpet_ends(&self, config: &ObjectDetectionConfig) -> Vec<CarpetEnd> {
         let carpet_end = |ray| self.find_carpet_end(ray, config);
         (0..self.count()).map(carpet_end).collect()
     }
@@ -141,7 +141,7 @@ impl RadialScan {
         })
     }
 
-    fn find_carpet_end(&self, ray: usize, config: &ObjectConfig) -> CarpetEnd {
+    fn find_carpet_end(&self, ray: usize, config: &ObjectDetectionConfig) -> CarpetEnd {
         let (start, end) = (self.starts[ray], self.starts[ray + 1]);
         let classes = &self.classes[..end];
         let endless = |carpet| CarpetEnd {
