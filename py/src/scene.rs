@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use localize::field::{FieldConfig, FieldError};
 use localize::frames::{At, Pose};
 use localize::robot::BodyConfig;
+use localize::toml_file::TomlFileError;
 use localize::world::TeamColour;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
@@ -30,10 +31,8 @@ pub(crate) struct Field(pub(crate) localize::field::Field);
 fn field_error(error: &FieldError) -> PyErr {
     let message = error.to_string();
     match error {
-        FieldError::Read { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
-            PyFileNotFoundError::new_err(message)
-        }
-        FieldError::Read { .. } => PyOSError::new_err(message),
+        FieldError::File(file) if file.is_not_found() => PyFileNotFoundError::new_err(message),
+        FieldError::File(TomlFileError::Read { .. }) => PyOSError::new_err(message),
         _ => PyValueError::new_err(message),
     }
 }

@@ -127,7 +127,7 @@ impl MultiRobotSimulation {
                 pending_sample: None,
                 cycles: Vec::new(),
                 last_sent: None,
-                statistics: RunStatistics::default(),
+                statistics: RunStatistics::new(&setup),
                 own_ball_errors: Vec::new(),
                 team_ball_errors: Vec::new(),
                 recorder,

@@ -222,7 +222,7 @@ impl SingleRobotRun {
             mut pipeline,
             mut recorder,
         } = self;
-        let mut statistics = RunStatistics::default();
+        let mut statistics = RunStatistics::new(&setup);
         let mut keyframes = KeyframeCollector::default();
         simulation.run(&mut pipeline, |cycle| {
             let cycle = Arc::new(cycle);
@@ -399,7 +399,7 @@ impl RecordingRun {
         let mut labelled_objects = labels.is_some().then(LabelSummary::default);
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
-        let mut statistics = RunStatistics::default();
+        let mut statistics = RunStatistics::new(&setup);
         let mut detections = DetectionStatistics::default();
         let viewpoint_height = setup
             .viewpoint_height

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::sensors::compass_calibration::CompassCalibration;
+use crate::toml_file::{self, TomlFileError};
 use crate::toml_location::key_location;
 
 mod calibration;
@@ -224,22 +225,9 @@ impl Default for BodyConfig {
 /// Why a robot file cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotConfigError {
-    /// The file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// The file cannot be parsed.
-    #[error("{}: {source}", path.display())]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Line and reason.
-        source: Box<toml::de::Error>,
-    },
+    /// The file cannot be read, or its content is something else.
+    #[error(transparent)]
+    File(#[from] TomlFileError),
     /// A value out of bounds.
     #[error("{place}: {key}: {reason}")]
     Value {
@@ -255,15 +243,7 @@ pub enum RobotConfigError {
 impl RobotConfig {
     /// Reads and checks a robot file; its paths are resolved relative to the file's folder.
     pub fn load(path: &Path) -> Result<Self, RobotConfigError> {
-        let text = std::fs::read_to_string(path).map_err(|source| RobotConfigError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        let mut robot: RobotConfig =
-            toml::from_str(&text).map_err(|source| RobotConfigError::Parse {
-                path: path.to_owned(),
-                source: Box::new(source),
-            })?;
+        let (mut robot, text): (RobotConfig, _) = toml_file::read(path)?;
         robot
             .check()
             .map_err(|(key, reason)| RobotConfigError::Value {

@@ -1,6 +1,6 @@
 //! How complete and how correct are detections? Line points, ball, robots and goal posts against ground truth.
 //!
-//! Points are compared after correction by the tilt that matching estimated for the image.
+//! All are compared after correction by the tilt that matching estimated for the image.
 
 use localize::frames::{At, FieldFrame, RobotFrame};
 use localize::math;
@@ -150,8 +150,9 @@ impl DetectionStatistics {
         note: &mut impl FnMut(ScoredItem),
     ) {
         self.add_points(detections, scene, note);
-        self.add_ball(detections, scene, note);
-        self.add_robots(detections, scene, note);
+        let upright = scene.compensate_objects(detections);
+        self.add_ball(&upright, scene, note);
+        self.add_robots(&upright, scene, note);
         let config = &scene.field.config;
         let posts = [-1.0f32, 1.0].into_iter().flat_map(|end| {
             [-1.0f32, 1.0].map(|side| {
@@ -420,6 +421,26 @@ impl GroundTruthScene<'_> {
     fn compensate_tilt(&self, at: At<RobotFrame>) -> At<RobotFrame> {
         let [x, y] = ground_from_map([at.x, at.y], self.tilt, self.viewpoint_height);
         At::new(x, y)
+    }
+
+    /// Ball and robots on the ground of the tilted robot.
+    fn compensate_objects(&self, detections: &Detections) -> Detections {
+        let mut upright = Detections {
+            ball: detections.ball,
+            robots: detections.robots.clone(),
+            ..Detections::default()
+        };
+        if let Some(ball) = &mut upright.ball {
+            ball.at = self.compensate_tilt(ball.at);
+        }
+        for robot in &mut upright.robots {
+            // Only the edge is seen on the ground; the centre keeps its distance from it.
+            let edge = self.compensate_tilt(robot.edge);
+            let behind = [robot.at.x - robot.edge.x, robot.at.y - robot.edge.y];
+            robot.at = At::new(edge.x + behind[0], edge.y + behind[1]);
+            robot.edge = edge;
+        }
+        upright
     }
 
     /// Bodies of the other robots, robot frame.
