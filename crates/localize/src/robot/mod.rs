@@ -8,9 +8,12 @@ use crate::sensors::compass_calibration::CompassCalibration;
 use crate::toml_file::{self, TomlFileError};
 use crate::toml_location::key_location;
 
+mod calibration;
 mod camera;
 mod exposure;
 
+use calibration::CalibrationFile;
+pub use calibration::{ImuCalibration, OdometryCalibration, TimingCalibration, rotation_from_rpy};
 pub use camera::{CameraConfig, CameraSection};
 pub use exposure::{CameraControl, CameraSetting};
 
@@ -31,6 +34,9 @@ pub const DEFAULT_MIRROR_RIM_HEIGHT: f32 = 0.78;
 pub struct RobotConfig {
     /// The field file.
     pub field: PathBuf,
+    /// Files that calibration wrote. Empty after loading: their sections are in this robot then.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub include: Vec<PathBuf>,
     /// Camera and its mount. Not required for a recording of line points.
     pub camera: Option<CameraSection>,
     /// Range of the camera's exposure and gain.
@@ -47,6 +53,10 @@ pub struct RobotConfig {
     pub colours: Option<PathBuf>,
     /// Wheels.
     pub base: Option<BaseConfig>,
+    /// Correction of the wheels' motion.
+    pub odometry: Option<OdometryCalibration>,
+    /// Times between the sensors.
+    pub timing: Option<TimingCalibration>,
     /// Inertial unit.
     pub imu: Option<ImuConfig>,
     /// Compass.
@@ -123,6 +133,8 @@ pub struct ImuConfig {
     pub rate_noise_deg: f32,
     /// Constant rate bias, degrees/s (one sigma over units).
     pub rate_bias_deg: f32,
+    /// Mounting and errors of this unit, as written by `calibrate imu`.
+    pub calibration: Option<ImuCalibration>,
 }
 
 impl Default for ImuConfig {
@@ -133,6 +145,7 @@ impl Default for ImuConfig {
             acceleration_bias: 0.1,
             rate_noise_deg: 0.3,
             rate_bias_deg: 0.3,
+            calibration: None,
         }
     }
 }
@@ -250,6 +263,7 @@ impl RobotConfig {
         for file in files.into_iter().flatten() {
             *file = folder.join(&*file);
         }
+        include_files(&mut robot, folder)?;
         Ok(robot)
     }
 
@@ -285,7 +299,11 @@ impl RobotConfig {
             check_not_negative("imu.acceleration_bias", imu.acceleration_bias)?;
             check_not_negative("imu.rate_noise_deg", imu.rate_noise_deg)?;
             check_not_negative("imu.rate_bias_deg", imu.rate_bias_deg)?;
+            imu.calibration
+                .map_or(Ok(()), |calibration| calibration.check())?;
         }
+        self.odometry.map_or(Ok(()), |odometry| odometry.check())?;
+        self.timing.map_or(Ok(()), |timing| timing.check())?;
         if let Some(compass) = &self.compass {
             check_positive("compass.rate_hz", compass.rate_hz)?;
             check_not_negative("compass.noise_deg", compass.noise_deg)?;
@@ -302,6 +320,63 @@ impl RobotConfig {
         }
         Ok(())
     }
+}
+
+/// Adds the files that a robot file includes, relative to its folder. What they say replaces what the robot file says.
+fn include_files(robot: &mut RobotConfig, folder: &Path) -> Result<(), RobotConfigError> {
+    for name in std::mem::take(&mut robot.include) {
+        include_file(robot, &folder.join(name))?;
+    }
+    Ok(())
+}
+
+fn include_file(robot: &mut RobotConfig, path: &Path) -> Result<(), RobotConfigError> {
+    let (text, file) = read_file(path)?;
+    let rejected = |(key, reason): (&'static str, String)| RobotConfigError::Value {
+        place: key_location(path, &text, key),
+        key,
+        reason,
+    };
+    if let Some(odometry) = file.odometry {
+        robot.odometry = Some(odometry);
+    }
+    if let Some(imu) = file.imu {
+        let config = robot.imu.get_or_insert_with(ImuConfig::default);
+        config.calibration = Some(imu.calibration);
+    }
+    if let Some(timing) = file.timing {
+        robot.timing = Some(timing);
+    }
+    if let Some(compass) = file.compass {
+        let config = robot
+            .compass
+            .get_or_insert_with(CompassModelConfig::default);
+        config.calibration = Some(compass.calibration);
+    }
+    if let Some(rim) = file.camera {
+        let missing = || ("camera", "robot.toml has no [camera] section".to_owned());
+        let camera = robot
+            .camera
+            .as_mut()
+            .ok_or_else(missing)
+            .map_err(rejected)?;
+        camera.centre_px = Some(rim.centre_px);
+        camera.outer_radius_px = Some(rim.outer_radius_px);
+    }
+    robot.check().map_err(rejected)
+}
+
+fn read_file(path: &Path) -> Result<(String, CalibrationFile), RobotConfigError> {
+    let path_buf = || -> PathBuf { path.to_owned() };
+    let text = std::fs::read_to_string(path).map_err(|source| RobotConfigError::Read {
+        path: path_buf(),
+        source,
+    })?;
+    let file = toml::from_str(&text).map_err(|source| RobotConfigError::Parse {
+        path: path_buf(),
+        source: Box::new(source),
+    })?;
+    Ok((text, file))
 }
 
 impl BaseConfig {
@@ -368,6 +443,43 @@ mod tests {
         assert_eq!(section.camera(), None);
         let camera = section.with_axis([240.0, 239.0], None);
         assert_eq!((camera.forward_deg, camera.flipped), (90.0, true));
+    }
+
+    #[test]
+    fn included_calibration_replaces_what_the_robot_file_says() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let write = |name: &str, text: &str| {
+            std::fs::write(folder.path().join(name), text).expect("written");
+        };
+        write(
+            "robot.toml",
+            "field = \"field.toml\"\ninclude = [\"wheels.toml\", \"latency.toml\"]\n[timing]\ncamera_latency = 0.5\n",
+        );
+        write(
+            "wheels.toml",
+            "[odometry]\nmatrix = [[1.1, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.9]]\n",
+        );
+        write("latency.toml", "[timing]\ncamera_latency = 0.03\n");
+        let load = || RobotConfig::load(&folder.path().join("robot.toml"));
+        let robot = load().expect("a robot");
+        assert_eq!(robot.timing.expect("a latency").camera_latency, 0.03);
+        assert_eq!(robot.odometry.expect("a matrix").matrix[2][2], 0.9);
+        assert!(
+            robot.include.is_empty(),
+            "a log holds the values themselves"
+        );
+        for (text, wanted) in [
+            ("[timing]\ncamera_latency = 7.0\n", "line 2"),
+            ("\nfield = \"/etc/passwd\"\n", "line 2"),
+            ("[timing]\n", "line 1"),
+        ] {
+            write("latency.toml", text);
+            let message = load().expect_err("rejected").to_string();
+            assert!(
+                message.contains("latency.toml") && message.contains(wanted),
+                "{message}"
+            );
+        }
     }
 
     #[test]

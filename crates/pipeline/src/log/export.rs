@@ -10,6 +10,7 @@ use super::encoded_image::ImageCompression;
 use super::mcap_records::LogCompleteness;
 use super::read::{LogReader, LoggedCycle};
 use crate::csv_table::format_seconds;
+use crate::recording::IMU_COLUMNS;
 
 /// Counts of what an export wrote.
 #[derive(Debug, Clone, PartialEq)]
@@ -85,6 +86,7 @@ struct RecordingTables {
     frames: OptionalCsv,
     points: OptionalCsv,
     odometry: OptionalCsv,
+    imu: OptionalCsv,
     compass: OptionalCsv,
     magnetometer: OptionalCsv,
     truth: OptionalCsv,
@@ -100,6 +102,7 @@ impl RecordingTables {
             frames: table("frames.csv", "stamp_s,file")?,
             points: table("points.csv", "stamp_s,x_m,y_m")?,
             odometry: table("odometry.csv", "stamp_s,dx_m,dy_m,dtheta_rad")?,
+            imu: table("imu.csv", &format!("stamp_s,{}", IMU_COLUMNS.join(",")))?,
             compass: table("compass.csv", "stamp_s,heading_rad")?,
             magnetometer: table("magnetometer.csv", "stamp_s,x,y")?,
             truth: table("truth.csv", "stamp_s,x_m,y_m,theta_rad")?,
@@ -119,6 +122,12 @@ impl RecordingTables {
                 sample.dtheta
             );
             self.odometry.write_row(&row)?;
+        }
+        for sample in &cycle.inputs.imu {
+            let stamp = format_seconds(sample.stamp);
+            let ([ax, ay, az], [wx, wy, wz]) = (sample.acceleration, sample.rate);
+            self.imu
+                .write_row(&format!("{stamp},{ax},{ay},{az},{wx},{wy},{wz}"))?;
         }
         for sample in &cycle.inputs.compass {
             self.compass.write_row(&format!(
@@ -183,7 +192,7 @@ impl RecordingTables {
         if images == 0 {
             std::fs::remove_dir(self.folder.join("frames"))?;
         }
-        let motion = [self.odometry, self.compass, self.magnetometer];
+        let motion = [self.odometry, self.imu, self.compass, self.magnetometer];
         for table in motion.into_iter().chain([self.truth, self.objects]) {
             table.finish(true)?;
         }

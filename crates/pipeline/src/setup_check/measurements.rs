@@ -140,7 +140,7 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
                 rows.clear();
                 connected = true;
             }
-            RecordedData::Compass(_) | RecordedData::Truth(_) => {}
+            RecordedData::Compass(_) | RecordedData::Imu(_) | RecordedData::Truth(_) => {}
         }
     }
     entries

@@ -41,7 +41,7 @@ pub(super) fn check_ranges(recording: &Recording) -> Vec<RangeFinding> {
                 tables.from_points = true;
                 tables.images.push(event.stamp);
             }
-            RecordedData::Truth(_) => {}
+            RecordedData::Imu(_) | RecordedData::Truth(_) => {}
         }
     }
     let checks = [
