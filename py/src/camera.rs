@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use localize::robot::CameraConfig;
 use localize::robot::{RobotConfig, RobotConfigError};
+use localize::toml_file::TomlFileError;
 use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
 
@@ -62,7 +63,9 @@ impl Camera {
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let robot = RobotConfig::load(&path).map_err(|error| match &error {
-            RobotConfigError::Read { .. } => PyFileNotFoundError::new_err(error.to_string()),
+            RobotConfigError::File(TomlFileError::Read { .. }) => {
+                PyFileNotFoundError::new_err(error.to_string())
+            }
             _ => PyValueError::new_err(error.to_string()),
         })?;
         let missing = || PyValueError::new_err(format!("{}: has no [camera]", path.display()));

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
-use pipeline::log::LogEnd;
+use pipeline::log::LogCompleteness;
 use pipeline::log::columns::{
     Column, ColumnData, Fields, RawMessage, TimeRange, TopicReader, Value,
 };
@@ -47,7 +47,7 @@ impl LogReader {
     /// False if the log's writer was killed.
     #[getter]
     fn complete(&self) -> bool {
-        self.reader.end() == LogEnd::Complete
+        self.reader.end() == LogCompleteness::Complete
     }
 
     /// What the log says of its run.

@@ -5,14 +5,15 @@ use std::path::PathBuf;
 use localize::field::{FieldConfig, FieldError};
 use localize::frames::{At, Pose};
 use localize::robot::BodyConfig;
+use localize::toml_file::TomlFileError;
 use localize::world::TeamColour;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use sim::hall::HallConfig;
-use sim::image_sensor::FilmConfig;
+use sim::image_sensor::ImageSensorConfig;
 use sim::light::LightConfig;
-use sim::render::{Renderer, RendererConfig, Scene};
+use sim::render::{Renderer, RendererConfig, Scene, SceneBall};
 use sim::scenario::BallConfig;
 use sim::world::RobotState;
 
@@ -30,10 +31,8 @@ pub(crate) struct Field(pub(crate) localize::field::Field);
 fn field_error(error: &FieldError) -> PyErr {
     let message = error.to_string();
     match error {
-        FieldError::Read { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
-            PyFileNotFoundError::new_err(message)
-        }
-        FieldError::Read { .. } => PyOSError::new_err(message),
+        FieldError::File(file) if file.is_not_found() => PyFileNotFoundError::new_err(message),
+        FieldError::File(TomlFileError::Read { .. }) => PyOSError::new_err(message),
         _ => PyValueError::new_err(message),
     }
 }
@@ -121,17 +120,17 @@ pub(crate) fn render<'py>(
     } else {
         bare()
     };
-    let film = FilmConfig {
+    let film = ImageSensorConfig {
         exposure,
         blur_px,
-        ..FilmConfig::default()
+        ..ImageSensorConfig::default()
     };
     let others: Vec<RobotState> = robots
         .iter()
         .map(|&[x, y, theta]| RobotState {
             pose: Pose::new(x, y, theta),
             velocity: [0.0; 2],
-            omega: 0.0,
+            yaw_rate: 0.0,
             team: TeamColour::Magenta,
         })
         .collect();
@@ -155,7 +154,11 @@ pub(crate) fn render<'py>(
         let scene = Scene {
             pose: Pose::new(pose[0], pose[1], pose[2]),
             robots: &others,
-            ball: ball.map(|[x, y]| (At::new(x, y), ball_kind.diameter, ball_kind.colour)),
+            ball: ball.map(|[x, y]| SceneBall {
+                at: At::new(x, y),
+                diameter: ball_kind.diameter,
+                colour: ball_kind.colour,
+            }),
             ..Scene::default()
         };
         renderer.render(&scene, &film, &mut rgb);

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::arguments::UsageError;
-use crate::commands::{bench, calibrate, demo, doctor, locate, recover, replay, sim};
+use crate::commands::{bench, calibrate, demo, doctor, locate, record, recover, replay, sim};
 #[cfg(feature = "python")]
 use crate::commands::{mirror, script};
 use crate::eval;
@@ -37,6 +37,7 @@ enum Command {
     Sim(sim::Args),
     Replay(replay::Args),
     Run(crate::run::Args),
+    Record(record::Args),
     #[cfg(feature = "view")]
     View(view::Args),
     Recover(recover::Args),
@@ -80,6 +81,7 @@ pub fn run() -> ExitCode {
         Command::Sim(args) => sim::run(&args, cli.json),
         Command::Replay(args) => replay::run(&args, cli.json),
         Command::Run(args) => crate::run::run(&args, cli.json),
+        Command::Record(args) => record::run(&args, cli.json),
         #[cfg(feature = "view")]
         Command::View(args) => view::run(&args, cli.json),
         Command::Calibrate(args) => calibrate::run(&args, cli.json),

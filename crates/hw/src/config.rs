@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use localize::toml_file::{self, TomlFileError};
+
 use crate::error::HwError;
 
 /// Longest validity of a motion command, seconds. Without a new command the wheels stop.
@@ -183,22 +185,9 @@ fn default_can_bit_rate() -> u32 {
 /// Why a hardware file cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum HardwareConfigError {
-    /// The file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// The file is not a hardware configuration.
-    #[error("{}: {source}", path.display())]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Line and reason.
-        source: Box<toml::de::Error>,
-    },
+    /// The file cannot be read, or its content is something else.
+    #[error(transparent)]
+    File(#[from] TomlFileError),
     /// An invalid value.
     #[error("{}: {source}", path.display())]
     Value {
@@ -212,23 +201,14 @@ pub enum HardwareConfigError {
 impl HardwareConfig {
     /// Reads and checks a hardware file.
     pub fn load(path: &Path) -> Result<Self, HardwareConfigError> {
-        let path = path.to_owned();
-        let text = match std::fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(source) => return Err(HardwareConfigError::Read { path, source }),
-        };
-        let config: HardwareConfig = match toml::from_str(&text) {
-            Ok(config) => config,
-            Err(source) => {
-                let source = Box::new(source);
-                return Err(HardwareConfigError::Parse { path, source });
-            }
-        };
+        let (config, _): (HardwareConfig, _) = toml_file::read(path)?;
         let config = config.resolve_relative_paths(path.parent().unwrap_or(Path::new("")));
-        match config.check() {
-            Ok(()) => Ok(config),
-            Err(source) => Err(HardwareConfigError::Value { path, source }),
-        }
+        let value = |source| HardwareConfigError::Value {
+            path: path.to_owned(),
+            source,
+        };
+        config.check().map_err(value)?;
+        Ok(config)
     }
 
     /// Ports that start with a dot are relative to the file's folder, as those of the virtual robot.

@@ -3,6 +3,7 @@
 use localize::Stamp;
 use localize::frames::wrap_angle;
 use localize::math;
+use localize::robot::rotation_from_rpy;
 use localize::sample::{Compass, Imu};
 
 use crate::clock;
@@ -349,18 +350,6 @@ fn wit_reading(message: Wit, acceleration: &mut [i16; 3]) -> SensorReading {
         },
         DataType::Other(_) => SensorReading::default(),
     }
-}
-
-/// Rz(yaw)·Ry(pitch)·Rx(roll), rows.
-fn rotation_from_rpy([roll, pitch, yaw]: [f32; 3]) -> [[f32; 3]; 3] {
-    let (sr, cr) = math::sin_cos(roll);
-    let (sp, cp) = math::sin_cos(pitch);
-    let (sy, cy) = math::sin_cos(yaw);
-    [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
 }
 
 #[cfg(test)]

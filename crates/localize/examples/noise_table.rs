@@ -48,7 +48,9 @@ fn main() {
             for tilt in [0.0, 0.45, 1.0] {
                 let mut line = format!("odo {odometry:4} tilt {tilt:4}:");
                 for points in [0.5, 1.0, 2.0] {
-                    let score = run(&RoughDriveConfig::cell(odometry, tilt, points));
+                    let score = run(&RoughDriveConfig::with_scaled_errors(
+                        odometry, tilt, points,
+                    ));
                     low = low.min(score.nees);
                     high = high.max(score.nees);
                     outside += usize::from(!(0.7..=1.4).contains(&score.nees));
@@ -86,7 +88,7 @@ fn main() {
                 score.blind_nees,
                 100.0 * score.blind_within_3_sigma,
                 100.0 * score.blind_end_error,
-                100.0 * score.leap_max
+                100.0 * score.reacquisition_error_max
             );
         }
     };

@@ -104,8 +104,33 @@ pub struct Estimate {
 }
 
 impl Estimate {
+    /// A tracked pose of good quality, as generated drives and tests need it.
+    #[cfg(any(test, feature = "synthetic"))]
+    pub fn tracked(stamp: Stamp, pose: Pose, covariance: Matrix3<f32>) -> Self {
+        Estimate {
+            stamp,
+            pose: Some(pose),
+            covariance,
+            mode: Mode::Tracking,
+            reason: None,
+            residual: 0.0,
+            inlier_share: 1.0,
+            line_points: 50,
+            tilt: [0.0; 2],
+            half_known: true,
+            odometry_scales: [1.0; 2],
+            twist: None,
+            collision: false,
+            gyro_bias: 0.0,
+            latency: 0.0,
+            fit: Default::default(),
+            map_correction: None,
+            runners_up: Vec::new(),
+        }
+    }
+
     /// Marks the pose as that of a doubtful set-up: it is not tracked, and `covariance` is added to its own.
-    pub fn doubt_setup(&mut self, covariance: &Matrix3<f32>) {
+    pub fn mark_setup_doubtful(&mut self, covariance: &Matrix3<f32>) {
         if self.pose.is_none() {
             return;
         }

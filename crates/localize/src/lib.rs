@@ -28,6 +28,7 @@ pub mod robot;
 pub mod sample;
 pub mod stamp;
 pub mod tilt;
+pub mod toml_file;
 pub mod toml_location;
 mod twist;
 

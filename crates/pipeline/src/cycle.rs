@@ -33,7 +33,7 @@ pub struct Cycle {
     /// Exposure of the image and the next camera setting. None if the image was not evaluated.
     pub exposure: Option<ExposureStatus>,
     /// Why the image could not be used.
-    pub fault: Option<String>,
+    pub image_fault: Option<String>,
     /// Durations of the stages.
     pub timings: Timings,
 }
@@ -56,9 +56,9 @@ pub struct Inputs {
     /// The image, if there is one.
     pub image: Option<SourceImage>,
     /// Exposure and gain with which the image was taken, if the camera reports them.
-    pub setting: Option<CameraSetting>,
+    pub exposure_setting: Option<CameraSetting>,
     /// All settings (TOML), if they were changed during the run and hold from this cycle on.
-    pub settings: Option<Arc<str>>,
+    pub changed_config_toml: Option<Arc<str>>,
 }
 
 /// Durations of the stages: the only part of a cycle that differs from run to run.

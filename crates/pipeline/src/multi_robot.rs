@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
 use sim::scenario::{PlacedRobot, RadioConfig, Scenario, TeammateConfig};
-use sim::{Sim, SimSample as Simulated};
+use sim::{SimSample, Simulator};
 
 use crate::config::PipelineConfig;
 use crate::cycle::Cycle;
@@ -48,11 +48,11 @@ pub struct MultiRobotSimulation {
 }
 
 struct SimulatedRobot {
-    sim: Sim,
+    sim: Simulator,
     pipeline: Pipeline,
     team_link: TeamLink,
     /// The next sample, whose stamp is after the current synchronisation.
-    pending_sample: Option<Simulated>,
+    pending_sample: Option<SimSample>,
     cycles: Vec<Arc<Cycle>>,
     last_sent: Option<Stamp>,
     statistics: RunStatistics,
@@ -98,7 +98,7 @@ impl MultiRobotSimulation {
         for index in 0..count {
             let own = scenario_for_robot(scenario, index);
             let (robot, field) = robot_and_field(&own)?;
-            let sim = Sim::new(own, robot, field)?;
+            let sim = Simulator::new(own, robot, field)?;
             let setup = setup_from_sim(&sim)?;
             let number = index as u32 + 1;
             let mut config = config.clone();
@@ -127,7 +127,7 @@ impl MultiRobotSimulation {
                 pending_sample: None,
                 cycles: Vec::new(),
                 last_sent: None,
-                statistics: RunStatistics::default(),
+                statistics: RunStatistics::new(&setup),
                 own_ball_errors: Vec::new(),
                 team_ball_errors: Vec::new(),
                 recorder,

@@ -9,7 +9,7 @@ use localize::field::GoalColour;
 use localize::map_correction::{MapBasis, MapCorrection};
 
 use localize::localizer::Localizer;
-use localize::robot::CameraSetting;
+use localize::robot::{CameraSetting, ImuCalibration, OdometryCalibration};
 use localize::sample::{GoalObservation, LinePoint};
 use localize::team::TeamModel;
 use localize::world::WorldModel;
@@ -61,6 +61,8 @@ pub struct Pipeline {
     last_image: Option<Stamp>,
     last_pose: Option<StampedPose>,
     notice: Option<String>,
+    odometry_calibration: Option<OdometryCalibration>,
+    imu_calibration: Option<ImuCalibration>,
     /// Covariance added to each pose, if the set-up is known to be wrong.
     doubt: Option<Matrix3<f32>>,
 }
@@ -105,6 +107,11 @@ impl Pipeline {
         if let Some(calibration) = compass.and_then(|compass| compass.calibration) {
             localize.compass.calibration = Some(calibration);
         }
+        if let Some(timing) = setup.robot.timing
+            && localize.filter.camera_latency == 0.0
+        {
+            localize.filter.camera_latency = timing.camera_latency;
+        }
         let world = WorldModel::new(world, localize.matching.viewpoint_height);
         let mut image_check = None;
         let mut exposure = None;
@@ -135,6 +142,8 @@ impl Pipeline {
             last_image: None,
             last_pose: None,
             notice,
+            odometry_calibration: setup.robot.odometry,
+            imu_calibration: setup.robot.imu.as_ref().and_then(|imu| imu.calibration),
             doubt: None,
         })
     }
@@ -145,7 +154,7 @@ impl Pipeline {
     }
 
     /// Marks every pose as that of a doubtful set-up and adds this covariance to its own.
-    pub fn doubt_setup(&mut self, covariance: Matrix3<f32>) {
+    pub fn mark_setup_doubtful(&mut self, covariance: Matrix3<f32>) {
         self.doubt = Some(covariance);
     }
 
@@ -173,7 +182,7 @@ impl Pipeline {
     /// Replay does the same at the same cycle, so its bits are equal.
     pub fn replace_by(&mut self, mut next: Pipeline, settings: Arc<str>) {
         next.warm_start_from(self);
-        next.inputs.settings = Some(settings);
+        next.inputs.changed_config_toml = Some(settings);
         *self = next;
     }
 
@@ -196,7 +205,7 @@ impl Pipeline {
             Sample::Command(command) => self.inputs.commands.push(command),
             Sample::TeamReport(report) => self.inputs.reports.push(report),
             Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
-            Sample::Settings(settings) => self.inputs.settings = Some(settings),
+            Sample::Settings(settings) => self.inputs.changed_config_toml = Some(settings),
             Sample::Image(image) => return Some(self.process_image(image)),
         }
         None
@@ -210,13 +219,13 @@ impl Pipeline {
         let see_ms = elapsed_ms(started);
         let started = Instant::now();
         inputs.image = features.image;
-        inputs.setting = image.setting;
+        inputs.exposure_setting = image.setting;
         self.add_inputs(&inputs);
         let goals = correct_goals(features.goals, self.localizer.map_correction());
         self.localizer.add_goals(stamp, &goals);
         let mut estimate = self.localizer.process_points(stamp, &features.line_points);
         if let Some(covariance) = &self.doubt {
-            estimate.doubt_setup(covariance);
+            estimate.mark_setup_doubtful(covariance);
         }
         let observations = features
             .detections
@@ -240,7 +249,7 @@ impl Pipeline {
             world,
             team,
             exposure: features.exposure,
-            fault: features.fault,
+            image_fault: features.fault,
             timings: Timings {
                 see_ms,
                 localize_ms: elapsed_ms(started),
@@ -283,12 +292,20 @@ impl Pipeline {
         for sample in inputs.sorted_samples() {
             match sample {
                 Sample::Odometry(odometry) => {
+                    let odometry = self
+                        .odometry_calibration
+                        .map_or(odometry, |calibration| calibration.apply(&odometry));
                     self.localizer.add_odometry(&odometry);
                     self.world.add_odometry(&odometry);
                 }
                 Sample::Compass(compass) => self.localizer.add_compass(&compass),
                 Sample::TeamReport(report) => self.team.receive(&report),
-                Sample::Imu(imu) => self.localizer.add_imu(&imu),
+                Sample::Imu(imu) => {
+                    let imu = self
+                        .imu_calibration
+                        .map_or(imu, |calibration| calibration.apply(&imu));
+                    self.localizer.add_imu(&imu);
+                }
                 Sample::Command(command) => self.localizer.add_command(&command),
                 Sample::GroundTruth(_) | Sample::Settings(_) | Sample::Image(_) => {}
             }

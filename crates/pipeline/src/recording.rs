@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use localize::frames::At;
-use localize::sample::{Compass, LinePoint, Odometry};
+use localize::sample::{Compass, Imu, LinePoint, Odometry};
 use localize::{Pose, Stamp};
 use vision::image::Image;
 
@@ -61,6 +61,7 @@ pub(crate) struct RecordedSample {
 pub(crate) enum RecordedData {
     Odometry(Odometry),
     Compass(Compass),
+    Imu(Imu),
     Truth(GroundTruth),
     Image(PathBuf),
     Points(Vec<LinePoint>),
@@ -69,10 +70,11 @@ pub(crate) enum RecordedData {
 impl RecordedData {
     fn order(&self) -> u8 {
         match self {
-            RecordedData::Odometry(_) => 0,
-            RecordedData::Compass(_) => 1,
-            RecordedData::Truth(_) => 2,
-            RecordedData::Image(_) | RecordedData::Points(_) => 3,
+            RecordedData::Imu(_) => 0,
+            RecordedData::Odometry(_) => 1,
+            RecordedData::Compass(_) => 2,
+            RecordedData::Truth(_) => 3,
+            RecordedData::Image(_) | RecordedData::Points(_) => 4,
         }
     }
 }
@@ -158,6 +160,7 @@ impl Recording {
                 });
             }
         }
+        events.extend(read_imu(folder)?);
         events.sort_by_key(|event| (event.stamp, event.data.order()));
         Ok(Recording {
             folder: folder.to_owned(),
@@ -179,13 +182,16 @@ impl Recording {
         let kept = events.filter(|event| match event.data {
             RecordedData::Odometry(_) => table != Table::Odometry,
             RecordedData::Compass(_) => table != Table::Compass,
-            RecordedData::Truth(_) | RecordedData::Image(_) | RecordedData::Points(_) => true,
+            RecordedData::Imu(_)
+            | RecordedData::Truth(_)
+            | RecordedData::Image(_)
+            | RecordedData::Points(_) => true,
         });
         self.events = kept.collect::<Vec<_>>().into_iter();
     }
 
     /// The samples that are still to come, images as paths.
-    pub(crate) fn events(&self) -> &[RecordedSample] {
+    pub(crate) fn remaining_samples(&self) -> &[RecordedSample] {
         self.events.as_slice()
     }
 }
@@ -198,6 +204,7 @@ impl Iterator for Recording {
         let content = match data {
             RecordedData::Odometry(odometry) => return Some(Sample::Odometry(odometry)),
             RecordedData::Compass(compass) => return Some(Sample::Compass(compass)),
+            RecordedData::Imu(imu) => return Some(Sample::Imu(imu)),
             RecordedData::Truth(truth) => return Some(Sample::GroundTruth(truth)),
             RecordedData::Points(points) => ImageContent::Features {
                 points,
@@ -225,6 +232,33 @@ fn read_magnetic_fields(folder: &Path) -> Result<BTreeMap<Stamp, [f32; 2]>> {
     let rows = table.rows();
     rows.map(|row| Ok((parse_stamp(row)?, parse_floats(row, ["x", "y"])?)))
         .collect()
+}
+
+/// Columns of imu.csv: specific force and rate, axes of the robot (or of the unit, if robot.toml has its mounting).
+pub const IMU_COLUMNS: [&str; 6] = [
+    "ax_m_s2", "ay_m_s2", "az_m_s2", "wx_rad_s", "wy_rad_s", "wz_rad_s",
+];
+
+/// Inertial readings of imu.csv.
+fn read_imu(folder: &Path) -> Result<Vec<RecordedSample>> {
+    let columns: Vec<&str> = std::iter::once("stamp_s").chain(IMU_COLUMNS).collect();
+    let Some(table) = read_optional_table(folder, "imu.csv", &columns)? else {
+        return Ok(Vec::new());
+    };
+    let rows = table.rows();
+    rows.map(|row| {
+        let [ax, ay, az, wx, wy, wz] = parse_floats(row, IMU_COLUMNS)?;
+        let imu = Imu {
+            stamp: parse_stamp(row)?,
+            acceleration: [ax, ay, az],
+            rate: [wx, wy, wz],
+        };
+        Ok(RecordedSample {
+            stamp: imu.stamp,
+            data: RecordedData::Imu(imu),
+        })
+    })
+    .collect()
 }
 
 fn read_optional_table(folder: &Path, name: &str, columns: &[&str]) -> Result<Option<CsvTable>> {

@@ -10,7 +10,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use serde::Serialize;
 use sim::scenario::Scenario;
-use vision::config::ObjectConfig;
+use vision::config::ObjectDetectionConfig;
 
 use crate::config::PipelineConfig;
 use crate::corrected_map;
@@ -222,7 +222,7 @@ impl SingleRobotRun {
             mut pipeline,
             mut recorder,
         } = self;
-        let mut statistics = RunStatistics::default();
+        let mut statistics = RunStatistics::new(&setup);
         let mut keyframes = KeyframeCollector::default();
         simulation.run(&mut pipeline, |cycle| {
             let cycle = Arc::new(cycle);
@@ -363,8 +363,8 @@ impl RecordingRun {
         for table in &report.unusable {
             recording.leave_out(*table);
         }
-        if let Some(covariance) = report.doubt {
-            pipeline.doubt_setup(covariance);
+        if let Some(covariance) = report.added_pose_covariance {
+            pipeline.mark_setup_doubtful(covariance);
         }
         Ok(RecordingRun {
             setup,
@@ -399,11 +399,11 @@ impl RecordingRun {
         let mut labelled_objects = labels.is_some().then(LabelSummary::default);
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
-        let mut statistics = RunStatistics::default();
+        let mut statistics = RunStatistics::new(&setup);
         let mut detections = DetectionStatistics::default();
         let viewpoint_height = setup
             .viewpoint_height
-            .unwrap_or(ObjectConfig::default().viewpoint_height);
+            .unwrap_or(ObjectDetectionConfig::default().viewpoint_height);
         for cycle in recording.filter_map(|sample| pipeline.process_sample(sample)) {
             on_cycle(&cycle)?;
             let pose = cycle.estimate.pose;

@@ -10,7 +10,7 @@ use localize::frames::{At, FieldFrame};
 use localize::robot::CameraSetting;
 use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::TeamReport;
-use vision::image::{Image, ImageView as Pixels, PixelFormat};
+use vision::image::{Image, ImageView, PixelFormat};
 use vision::process::Detections;
 
 /// True poses and positions at one time.
@@ -111,10 +111,10 @@ pub struct RawImage {
 
 impl SourceImage {
     /// View of the pixels for vision.
-    pub fn view(&self) -> Pixels<'_> {
+    pub fn view(&self) -> ImageView<'_> {
         match self {
             SourceImage::Rgb(image) => image.view(),
-            SourceImage::Raw(raw) => Pixels {
+            SourceImage::Raw(raw) => ImageView {
                 width_px: raw.width_px,
                 height_px: raw.height_px,
                 format: raw.format,

@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use localize::Field;
 use localize::robot::CameraControl;
 use localize::robot::RobotConfig;
-use sim::{Scenario, Sim, SimSample as Simulated};
+use sim::{Scenario, SimSample, Simulator};
 use vision::exposure::ExposureCommand;
 use vision::image::Image;
 
@@ -49,14 +49,14 @@ const MAX_PENDING_COMMANDS: usize = 64;
 /// # }
 /// ```
 pub struct Simulation {
-    sim: Sim,
+    sim: Simulator,
     duration: f64,
 }
 
 impl Simulation {
     /// Reads a scenario. `seed` and `duration` (seconds) override those of the file.
     pub fn load(scenario: &Path, seed: Option<u64>, duration: Option<f64>) -> Result<Self> {
-        let sim = Sim::load(scenario, seed)?;
+        let sim = Simulator::load(scenario, seed)?;
         let duration = duration.unwrap_or(sim.scenario().duration);
         Ok(Simulation { sim, duration })
     }
@@ -71,7 +71,7 @@ impl Simulation {
         let (scenario, robot) = load_scenario_with_overrides(scenario, overrides, seed)?;
         let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
         let duration = duration.unwrap_or(scenario.duration);
-        let sim = Sim::new(scenario, robot, field)?;
+        let sim = Simulator::new(scenario, robot, field)?;
         Ok(Simulation { sim, duration })
     }
 
@@ -120,12 +120,12 @@ impl Simulation {
     }
 
     /// The simulator.
-    pub fn sim(&self) -> &Sim {
+    pub fn sim(&self) -> &Simulator {
         &self.sim
     }
 
     /// Mutable access to the simulator between two samples.
-    pub fn sim_mut(&mut self) -> &mut Sim {
+    pub fn sim_mut(&mut self) -> &mut Simulator {
         &mut self.sim
     }
 
@@ -221,7 +221,7 @@ pub fn load_scenario_with_overrides(
 }
 
 /// Setup of a simulated robot, without exposure control.
-pub(crate) fn setup_from_sim(sim: &Sim) -> Result<Setup> {
+pub(crate) fn setup_from_sim(sim: &Simulator) -> Result<Setup> {
     let scenario = sim.scenario();
     let mut robot = sim.robot().clone();
     if let Some(field) = &scenario.field {
@@ -233,13 +233,13 @@ pub(crate) fn setup_from_sim(sim: &Sim) -> Result<Setup> {
 }
 
 /// Converts a sample of the simulator.
-pub(crate) fn sample_from_sim(sample: Simulated) -> Sample {
+pub(crate) fn sample_from_sim(sample: SimSample) -> Sample {
     match sample {
-        Simulated::Odometry(odometry) => Sample::Odometry(odometry),
-        Simulated::Imu(imu) => Sample::Imu(imu),
-        Simulated::Compass(compass) => Sample::Compass(compass),
-        Simulated::Command(command) => Sample::Command(command),
-        Simulated::Truth(truth) => Sample::GroundTruth(GroundTruth {
+        SimSample::Odometry(odometry) => Sample::Odometry(odometry),
+        SimSample::Imu(imu) => Sample::Imu(imu),
+        SimSample::Compass(compass) => Sample::Compass(compass),
+        SimSample::Command(command) => Sample::Command(command),
+        SimSample::Truth(truth) => Sample::GroundTruth(GroundTruth {
             stamp: truth.stamp,
             pose: truth.robot.pose,
             ball: truth.ball.map(|ball| ball.at),
@@ -255,7 +255,7 @@ pub(crate) fn sample_from_sim(sample: Simulated) -> Sample {
                 .map(|person| person.pose.origin())
                 .collect(),
         }),
-        Simulated::Image(image) => {
+        SimSample::Image(image) => {
             let pixels = Image {
                 width_px: image.width_px,
                 height_px: image.height_px,

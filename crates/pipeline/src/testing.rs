@@ -127,11 +127,11 @@ impl RandomValues {
                 people: Vec::new(),
             }),
             image: None,
-            setting: Some(CameraSetting {
+            exposure_setting: Some(CameraSetting {
                 exposure: self.value(),
                 gain: self.value(),
             }),
-            settings: None,
+            changed_config_toml: None,
         }
     }
 
@@ -343,7 +343,7 @@ pub fn random_cycle(number: u64) -> Cycle {
         world: any.world(stamp, number),
         team: any.team(),
         exposure: number.is_multiple_of(2).then(|| any.exposure(number)),
-        fault: None,
+        image_fault: None,
         timings: Timings {
             see_ms: 0.25,
             localize_ms: 0.0625,

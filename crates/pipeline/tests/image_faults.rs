@@ -74,7 +74,7 @@ fn run(name: &str, mut spoil: impl FnMut(&mut Image, &Image, usize)) -> Result<O
         let Some(cycle) = pipeline.process_sample(sample) else {
             continue;
         };
-        match (&cycle.fault, images > FAULT_FROM) {
+        match (&cycle.image_fault, images > FAULT_FROM) {
             (Some(reason), false) => outcome.false_alarms.push(reason.clone()),
             (Some(reason), true) if outcome.named_after.is_none() => {
                 outcome.named_after = Some(images - FAULT_FROM - 1);
@@ -219,7 +219,7 @@ fn faults_of(folder: &Path) -> Result<Vec<String>> {
     let mut pipeline = Pipeline::new(&setup, &PipelineConfig::default())?;
     let cycles =
         Recording::open(folder, 0.04)?.filter_map(|sample| pipeline.process_sample(sample));
-    Ok(cycles.filter_map(|cycle| cycle.fault).collect())
+    Ok(cycles.filter_map(|cycle| cycle.image_fault).collect())
 }
 
 #[test]

@@ -8,9 +8,9 @@ use localize::Field;
 use localize::frames::{At, Pose};
 use localize::robot::RobotConfig;
 use localize::world::TeamColour;
-use sim::render::{CameraMotion, Renderer, RendererConfig, Scene};
+use sim::render::{CameraMotion, Renderer, RendererConfig, Scene, SceneBall};
 use sim::world::RobotState;
-use sim::{Scenario, Sim, SimSample};
+use sim::{Scenario, SimSample, Simulator};
 use vision::Profile;
 
 fn config(name: &str) -> std::path::PathBuf {
@@ -68,7 +68,7 @@ fn image(c: &mut Criterion) {
             RobotState {
                 pose: Pose::new(4.0 - distance * cos, distance * sin * 0.8, index as f32),
                 velocity: [0.0; 2],
-                omega: 0.0,
+                yaw_rate: 0.0,
                 team: if index % 2 == 0 {
                     TeamColour::Cyan
                 } else {
@@ -86,7 +86,11 @@ fn image(c: &mut Criterion) {
                 pose: Pose::new(4.0, 0.3, theta),
                 robots: &robots,
                 motion: DRIVING,
-                ball: Some((At::new(2.5, 1.5), 0.22, [245, 125, 20])),
+                ball: Some(SceneBall {
+                    at: At::new(2.5, 1.5),
+                    diameter: 0.22,
+                    colour: [245, 125, 20],
+                }),
                 ..Scene::default()
             };
             renderer.render(black_box(&scene), &scenario.film, &mut rgb);
@@ -103,7 +107,7 @@ fn second(c: &mut Criterion) {
     for (name, frame_rate_hz) in [("camera_30_hz", 30.0), ("without_camera", 1e-3)] {
         let mut scenario = scenario.clone();
         scenario.frame_rate_hz = frame_rate_hz;
-        let mut sim = Sim::new(scenario, robot.clone(), field.clone()).expect("a simulation");
+        let mut sim = Simulator::new(scenario, robot.clone(), field.clone()).expect("a simulation");
         group.bench_function(name, |b| {
             b.iter(|| {
                 let end = sim.time() + 1.0;

@@ -52,7 +52,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         };
         println!(
             "{:<15} {:<14} {:>6.2} {:>6.1} {:>6.3} {:>7} {:>7} {:>7} {:>6.2} {:>6.2} {:>5.2} {:>6} {:>6} {:>6.1}",
-            format!("{:?}", row.course),
+            format!("{:?}", row.disturbance),
             format!("{:?}", row.estimator),
             100.0 * row.position,
             100.0 * row.position_max,

@@ -38,17 +38,17 @@ struct Wheel {
 
 impl SimBase {
     /// A base at rest (docs/methods.md 7.1). Fails for wheels that cannot drive in every direction.
-    pub fn new(config: &BaseConfig, real: &WheelConfig) -> Result<Self, OmniError> {
+    pub fn new(config: &BaseConfig, wheel_errors: &WheelConfig) -> Result<Self, OmniError> {
         let angles: Vec<f32> = config
             .wheel_angles_deg
             .iter()
             .map(|angle_deg| angle_deg.to_radians())
             .collect();
         let omni = OmniKinematics::new(&angles, config.wheel_radius, config.wheel_distance)?;
-        let last = real.radius_scale.len().saturating_sub(1);
+        let last = wheel_errors.radius_scale.len().saturating_sub(1);
         let wheels = (0..angles.len())
             .map(|index| Wheel {
-                radius_scale: real
+                radius_scale: wheel_errors
                     .radius_scale
                     .get(index.min(last))
                     .copied()
@@ -65,16 +65,16 @@ impl SimBase {
             ticks_per_turn: config.ticks_per_turn,
             speed_max: config.speed_max,
             acceleration_max: config.acceleration_max,
-            traction_force_max: real.traction * weight_each,
-            slip_stiffness: real.grip,
+            traction_force_max: wheel_errors.traction * weight_each,
+            slip_stiffness: wheel_errors.grip,
             motor_twist: Twist::default(),
         })
     }
 
-    /// Drives the motors towards `command` for `step` seconds while the robot moves with `real`.
+    /// Drives the motors towards `command` for `step` seconds while the robot moves with `actual_twist`.
     ///
     /// Returns the force (N along the robot's x and y) and torque (N m) of all wheels on the robot.
-    pub fn step(&mut self, command: Twist, real: Twist, step: f32) -> [f32; 3] {
+    pub fn step(&mut self, command: Twist, actual_twist: Twist, step: f32) -> [f32; 3] {
         self.ramp_motors(command, step);
         let radius = self.omni.wheel_radius();
         let speeds = self.omni.wheel_speeds(self.motor_twist);
@@ -82,7 +82,7 @@ impl SimBase {
             wheel.angle += f64::from(speed * step);
         }
         let speeds = self.omni.wheel_speeds(self.motor_twist);
-        let ground_speeds = self.omni.wheel_speeds(real);
+        let ground_speeds = self.omni.wheel_speeds(actual_twist);
         let forces =
             self.wheels
                 .iter()

@@ -1,6 +1,6 @@
 //! How does the image sensor convert light to bytes? Exposure, gain, white balance, shot and read noise, tone curve.
 
-mod film;
+mod config;
 mod jpeg;
 mod mosaic;
 
@@ -8,7 +8,7 @@ use localize::random::standard_normal;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-pub use film::FilmConfig;
+pub use config::ImageSensorConfig;
 pub(crate) use jpeg::JpegCompression;
 pub(crate) use mosaic::{Raw, demosaic_row, site_colours};
 
@@ -41,7 +41,7 @@ pub(crate) struct SiteGains {
 impl SiteGains {
     /// Gains of a row whose even and odd columns measure two colours, under light of a colour.
     pub(crate) fn new(
-        film: &FilmConfig,
+        film: &ImageSensorConfig,
         light_colour: [f32; 3],
         colours: [usize; 2],
         width_px: usize,
@@ -168,9 +168,9 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let sensor = ImageSensor::new(WIDTH, &mut rng);
         let mut pcg = Pcg::new(&mut rng);
-        let film = FilmConfig {
+        let film = ImageSensorConfig {
             full_well: 500.0,
-            ..FilmConfig::ideal()
+            ..ImageSensorConfig::ideal()
         };
         let gains = SiteGains::new(&film, [1.0; 3], [0, 0], WIDTH);
         let mut measured_std = |level: f32| {

@@ -15,9 +15,11 @@ pub mod people;
 pub mod render;
 pub mod rocking;
 pub mod scenario;
+pub mod sector;
 mod sensors;
 pub mod simulation;
 pub mod world;
 
 pub use scenario::Scenario;
-pub use simulation::{Sim, SimError, SimImage, SimSample, SimTruth};
+pub use sector::Sector;
+pub use simulation::{SimError, SimImage, SimSample, SimTruth, Simulator};

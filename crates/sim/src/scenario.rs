@@ -12,10 +12,11 @@ use vision::Mount;
 pub use load::ScenarioError;
 
 use crate::hall::HallConfig;
-use crate::image_sensor::FilmConfig;
+use crate::image_sensor::ImageSensorConfig;
 use crate::light::LightConfig;
 use crate::people::PeopleConfig;
 use crate::rocking::RockingConfig;
+use crate::sector::Sector;
 
 /// A scenario file. Lengths in metres, times in seconds from the start, angles in the unit of their names.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -61,7 +62,7 @@ pub struct Scenario {
     pub focal_scale: f64,
     /// Settings, optics and sensor of the camera.
     #[serde(default)]
-    pub film: FilmConfig,
+    pub film: ImageSensorConfig,
     /// Light on the field.
     #[serde(default)]
     pub light: LightConfig,
@@ -358,6 +359,13 @@ pub struct Occlusion {
     pub direction_deg: f32,
     /// Full width, degrees.
     pub width_deg: f32,
+}
+
+impl Occlusion {
+    /// The sector that is black.
+    pub fn sector(&self) -> Sector {
+        Sector::from_degrees(self.direction_deg, self.width_deg)
+    }
 }
 
 /// A temporary sensor fault.

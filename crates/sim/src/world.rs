@@ -68,7 +68,7 @@ pub struct RobotState {
     /// m/s along the field's x and y.
     pub velocity: [f32; 2],
     /// Yaw rate, rad/s counter-clockwise.
-    pub omega: f32,
+    pub yaw_rate: f32,
     /// The colour of its marker.
     pub team: TeamColour,
 }
@@ -166,7 +166,7 @@ impl SimWorld {
         let real = Twist {
             x: cos * vx + sin * vy,
             y: -sin * vx + cos * vy,
-            theta: state.omega,
+            theta: state.yaw_rate,
         };
         let [fx, fy, torque] = self.base.step(command, real, STEP);
         let body = &mut self.physics.bodies[self.robot];
@@ -241,12 +241,12 @@ impl SimWorld {
     pub fn set_other_state(&mut self, index: usize, state: &RobotState) {
         if let Some(other) = self.others.get_mut(index) {
             let ([vx, vy], pose) = (state.velocity, state.pose);
-            other.target_velocity = [vx, vy, state.omega];
+            other.target_velocity = [vx, vy, state.yaw_rate];
             let body = &mut self.physics.bodies[other.body];
             body.set_translation(Vector::new(pose.x, pose.y), true);
             body.set_rotation(Rotation::from_angle(pose.theta), true);
             body.set_linvel(Vector::new(vx, vy), true);
-            body.set_angvel(state.omega, true);
+            body.set_angvel(state.yaw_rate, true);
         }
     }
 
@@ -293,7 +293,7 @@ impl SimWorld {
         RobotState {
             pose: Pose::new(at.x, at.y, body.rotation().angle()),
             velocity: [velocity.x, velocity.y],
-            omega: body.angvel(),
+            yaw_rate: body.angvel(),
             team,
         }
     }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use localize::Field;
-use sim::{Scenario, Sim, SimSample};
+use sim::{Scenario, SimSample, Simulator};
 use vision::calibrate::{NamedImage, calibrate_lines};
 use vision::{GroundMap, Image, Mount, Profile, VisionConfig, optics};
 
@@ -73,7 +73,7 @@ fn calibrate_and_score(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f
         y: stretched(&upright.y),
         ..upright.clone()
     };
-    let sim = Sim::new(scenario, robot, field.clone()).expect("a simulation");
+    let sim = Simulator::new(scenario, robot, field.clone()).expect("a simulation");
     let images: Vec<NamedImage> = sim
         .take_while(|sample| sample.stamp().seconds() < 60.0)
         .filter_map(|sample| match sample {

@@ -19,7 +19,7 @@ pub struct VisionConfig {
     /// Line detection.
     pub lines: LineConfig,
     /// Detection of ball, robots and goals.
-    pub objects: ObjectConfig,
+    pub objects: ObjectDetectionConfig,
     /// Automatic exposure and gain.
     pub exposure: AutoExposureConfig,
     /// Windows and thresholds of the virtual sensors.
@@ -216,7 +216,7 @@ impl Default for LineConfig {
 /// Detection of ball, robots, goals and the end of the carpet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct ObjectConfig {
+pub struct ObjectDetectionConfig {
     /// Number of rays that are searched for the nearest obstacle, evenly spaced around the mirror's axis. A spacing of
     /// 2° is 14 cm at 4 m.
     pub ray_count: usize,
@@ -260,9 +260,9 @@ pub struct ObjectConfig {
     pub robot_range_max: f32,
 }
 
-impl Default for ObjectConfig {
+impl Default for ObjectDetectionConfig {
     fn default() -> Self {
-        ObjectConfig {
+        ObjectDetectionConfig {
             ray_count: 180,
             ray_step_px: 2,
             carpet_gap_max: 0.3,

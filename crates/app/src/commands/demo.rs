@@ -78,7 +78,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let mut recorder = start_log(&log, "demo", Some(seed), (&setup, &config), &log_config)?;
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms simulated");
     let started = Instant::now();
-    let mut play = RunTrace::default();
+    let mut play = RunTrace::new(&setup);
     let mut keyframes = KeyframeCollector::default();
     let mut pipeline = Pipeline::new(&setup, &config)?;
     simulation.run(&mut pipeline, |cycle| {
@@ -100,7 +100,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let setup = Setup::load(&sample.join("robot.toml"), None)?;
     let recording = Recording::open(&sample, EXTERNAL_POINT_STD)?;
     let mut pipeline = Pipeline::new(&setup, &config)?;
-    let mut replay = RunTrace::default();
+    let mut replay = RunTrace::new(&setup);
     for cycle in recording.filter_map(|sample| pipeline.process_sample(sample)) {
         replay.add(&Arc::new(cycle));
         interrupt::check()?;
@@ -134,7 +134,6 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
 }
 
 /// What a picture of a run needs.
-#[derive(Default)]
 struct RunTrace {
     truth: Vec<At<FieldFrame>>,
     estimates: Vec<At<FieldFrame>>,
@@ -144,6 +143,15 @@ struct RunTrace {
 }
 
 impl RunTrace {
+    fn new(setup: &Setup) -> Self {
+        RunTrace {
+            truth: Vec::new(),
+            estimates: Vec::new(),
+            statistics: RunStatistics::new(setup),
+            best_cycle: None,
+        }
+    }
+
     fn add(&mut self, cycle: &Arc<Cycle>) {
         self.statistics.add_cycle(cycle, score::cycle_error(cycle));
         self.truth

@@ -75,7 +75,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let mut outputs = CsvOutputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
     let bar = crate::progress::bar(run.frames() as u64, "frames");
     let result = run.run(|cycle| {
-        if let Some(fault) = &cycle.fault {
+        if let Some(fault) = &cycle.image_fault {
             let stamp = format_seconds(cycle.stamp);
             bar.suspend(|| eprintln!("frame at {stamp} s skipped: {fault}"));
         }

@@ -9,6 +9,7 @@ pub(crate) mod locate;
 #[cfg(feature = "python")]
 pub(crate) mod mirror;
 pub(crate) mod overrides;
+pub(crate) mod record;
 pub(crate) mod recover;
 pub(crate) mod replay;
 #[cfg(feature = "python")]

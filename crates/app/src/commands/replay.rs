@@ -6,7 +6,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use serde::Serialize;
 
 use pipeline::config::PIPELINE_FILE;
-use pipeline::log::{self, Difference, LogEnd, LogReader, VerificationReport};
+use pipeline::log::{self, Difference, LogCompleteness, LogReader, VerificationReport};
 use pipeline::sample::Sample;
 use pipeline::setup::Setup;
 use pipeline::setup_check::{self, Effort, KeyframeCollector};
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let mut summary = Outcome::default();
     if let Some(folder) = &args.export {
         let exported = log::export(LogReader::open(&args.log)?, folder)?;
-        let whole = exported.end == LogEnd::Complete;
+        let whole = exported.end == LogCompleteness::Complete;
         if !json {
             let cut = if whole {
                 ""
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             vision_cycles: report.vision_cycles,
             different: report.different,
             unverified: report.unverified,
-            whole: report.end == LogEnd::Complete,
+            whole: report.end == LogCompleteness::Complete,
         });
         failure = report.first_difference;
         nothing_verified = (report.cycles == 0).then_some(match continued {
@@ -231,7 +231,7 @@ fn print(report: &VerificationReport) {
             gap.seconds()
         );
     }
-    if *end == LogEnd::Truncated {
+    if *end == LogCompleteness::Truncated {
         println!("the log is truncated: verified up to its last complete chunk");
     }
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, ensure};
 use hw::config::Bus;
 use localize::Field;
-use sim::Sim;
+use sim::Simulator;
 use sim::scenario::Scenario;
 
 use crate::commands::arguments;
@@ -98,7 +98,7 @@ fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
         scenario.frame_rate_hz = f64::from(rate);
     }
     let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
-    let sim = Sim::new(scenario, robot, field)?;
+    let sim = Simulator::new(scenario, robot, field)?;
     let options = virtual_hardware::Options {
         folder,
         faults: args.faults.as_deref(),

@@ -6,7 +6,7 @@ use localize::estimate::Mode;
 use localize::frames::wrap_angle;
 use rayon::prelude::*;
 
-use super::experiment::{Drives, Variant};
+use super::experiment::{Drives, ScenarioVariant};
 use super::metric::{Metric, PoseTolerance};
 use super::output::{CsvRows, csv_quote};
 use crate::interrupt;
@@ -52,7 +52,7 @@ struct DriveRun {
     kidnaps: Vec<f64>,
 }
 
-fn run_drive(variant: &Variant, preset: &str, seed: u64) -> Result<DriveRun> {
+fn run_drive(variant: &ScenarioVariant, preset: &str, seed: u64) -> Result<DriveRun> {
     let scenario = variant.scenario.as_deref().context("no scenario")?;
     let simulation = Simulation::with_overrides(scenario, &variant.set, Some(seed), None)?;
     let setup = simulation.setup()?;
@@ -177,7 +177,7 @@ pub(crate) fn run(
     rows: &mut CsvRows,
     bar: &ProgressBar,
 ) -> Result<Vec<Metric>> {
-    let mut cells: Vec<(&Variant, &str)> = Vec::new();
+    let mut cells: Vec<(&ScenarioVariant, &str)> = Vec::new();
     for variant in &drives.variants {
         cells.extend(
             drives

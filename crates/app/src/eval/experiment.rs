@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use localize::presets::PRESETS;
 use localize::synthetic::team_ball::ROBOTS;
 use serde::Deserialize;
-use sim::fusion_experiment::{Course, Estimator};
+use sim::fusion_experiment::{Disturbance, Estimator};
 
 use super::metric::PaperReference;
 
@@ -82,16 +82,16 @@ pub(crate) struct VisionRuns {
     pub presets: Vec<String>,
     /// Recording folders with truth.csv.
     #[serde(default)]
-    pub recordings: Vec<RecordingRun>,
+    pub recordings: Vec<RecordingEntry>,
     /// Scenarios; each is run with every seed.
     #[serde(default)]
-    pub variants: Vec<Variant>,
+    pub variants: Vec<ScenarioVariant>,
 }
 
 /// A recording folder.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct RecordingRun {
+pub(crate) struct RecordingEntry {
     /// Its name in tables.
     pub name: String,
     /// Its path.
@@ -106,7 +106,7 @@ pub(crate) struct FusionRuns {
     pub robot: PathBuf,
     /// Disturbances of the drives; all courses if left out.
     #[serde(default)]
-    pub courses: Vec<Course>,
+    pub courses: Vec<Disturbance>,
     /// Estimators to compare; all if left out.
     #[serde(default)]
     pub estimators: Vec<Estimator>,
@@ -149,7 +149,7 @@ pub(crate) struct MultiRobotRuns {
     /// Settings to compare.
     pub presets: Vec<String>,
     /// Scenarios; each is run with every seed.
-    pub variants: Vec<Variant>,
+    pub variants: Vec<ScenarioVariant>,
 }
 
 /// Each variant with each preset and seed.
@@ -161,7 +161,7 @@ pub(crate) struct Drives {
     /// Settings to compare.
     pub presets: Vec<String>,
     /// Scenarios or changes to compare.
-    pub variants: Vec<Variant>,
+    pub variants: Vec<ScenarioVariant>,
     /// Seconds at the start that are not scored: the first global search is another experiment.
     #[serde(default)]
     pub settle: f64,
@@ -170,7 +170,7 @@ pub(crate) struct Drives {
 /// A scenario with changed values.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Variant {
+pub(crate) struct ScenarioVariant {
     /// Its name in tables.
     pub name: String,
     /// Its scenario.
@@ -293,7 +293,7 @@ impl Part {
             ),
             None => Ok(()),
         };
-        let resolve_scenarios = |variants: &mut [Variant], common: Option<&PathBuf>| {
+        let resolve_scenarios = |variants: &mut [ScenarioVariant], common: Option<&PathBuf>| {
             for variant in variants {
                 let Some(scenario) = variant.scenario.as_ref().or(common) else {
                     bail!("variant {:?} names no scenario", variant.name);

@@ -6,7 +6,7 @@ use localize::Field;
 use localize::robot::RobotConfig;
 use rayon::prelude::*;
 use serde::Serialize;
-use sim::fusion_experiment::{Course, Estimator, FusionExperiment, FusionScore};
+use sim::fusion_experiment::{Disturbance, Estimator, FusionExperiment, FusionScore};
 
 use super::experiment::FusionRuns;
 use super::metric::Metric;
@@ -21,9 +21,9 @@ pub(crate) fn run(
 ) -> Result<Vec<Metric>> {
     let robot = RobotConfig::load(&fusion.robot)?;
     let field = Field::load(&robot.field)?;
-    let courses = selected_or_all(&fusion.courses, &Course::ALL);
+    let courses = selected_or_all(&fusion.courses, &Disturbance::ALL);
     let estimators = selected_or_all(&fusion.estimators, &Estimator::ALL);
-    let jobs: Vec<(Course, u64)> = courses
+    let jobs: Vec<(Disturbance, u64)> = courses
         .iter()
         .flat_map(|&course| seeds.clone().map(move |seed| (course, seed)))
         .collect();
@@ -56,7 +56,7 @@ pub(crate) fn run(
     Ok(cells
         .flat_map(|(course, estimator)| {
             let rows = all.iter().copied();
-            let rows = rows.filter(|row| row.course == course && row.estimator == estimator);
+            let rows = rows.filter(|row| row.disturbance == course && row.estimator == estimator);
             metrics_of(
                 &snake_case_name(&course),
                 &snake_case_name(&estimator),
@@ -70,7 +70,7 @@ fn write_row(rows: &mut CsvRows, seed: u64, row: &FusionScore) -> Result<()> {
     let cell = |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
     rows.row(format_args!(
         "{},{},{seed},{},{:.5},{:.5},{:.5},{},{},{:.5},{:.4},{:.4},{},{:.5},{}",
-        snake_case_name(&row.course),
+        snake_case_name(&row.disturbance),
         snake_case_name(&row.estimator),
         row.frames,
         row.position,

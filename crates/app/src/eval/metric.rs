@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// A measured number.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Metric {
-    /// Variant of the experiment; empty if there is only one.
+    /// ScenarioVariant of the experiment; empty if there is only one.
     pub variant: String,
     /// Preset or stage.
     pub method: String,
@@ -36,7 +36,7 @@ pub(crate) struct Interval {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PaperReference {
-    /// Variant or method that it belongs to; all if left out.
+    /// ScenarioVariant or method that it belongs to; all if left out.
     pub variant: Option<String>,
     /// The metric's name, as `results.json` has it.
     pub figure: String,

@@ -5,7 +5,7 @@ use indicatif::ProgressBar;
 use localize::synthetic::team_ball::{BallScore, TeamExperiment, evaluate_team_ball};
 use rayon::prelude::*;
 
-use super::experiment::{MultiRobotRuns, TeamRuns, TeamVariant, Variant};
+use super::experiment::{MultiRobotRuns, ScenarioVariant, TeamRuns, TeamVariant};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
 use pipeline::PipelineConfig;
@@ -114,7 +114,7 @@ pub(crate) fn run_rendered(
     Ok(figures)
 }
 
-fn run_scenario(variant: &Variant, preset: &str, seed: u64) -> Result<Vec<RobotSummary>> {
+fn run_scenario(variant: &ScenarioVariant, preset: &str, seed: u64) -> Result<Vec<RobotSummary>> {
     let path = variant.scenario.as_deref().context("no scenario")?;
     let (scenario, _) = load_scenario_with_overrides(path, &variant.set, Some(seed))?;
     let config = apply_overlay(&PipelineConfig::preset(preset)?, variant.config.clone())?;

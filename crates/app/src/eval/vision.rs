@@ -7,9 +7,11 @@ use anyhow::{Context, Result, ensure};
 use indicatif::ProgressBar;
 use localize::Stamp;
 use rayon::prelude::*;
-use vision::config::ObjectConfig;
+use sim::Sector;
+use sim::scenario::Occlusion;
+use vision::config::ObjectDetectionConfig;
 
-use super::experiment::{RecordingRun, Variant, VisionRuns};
+use super::experiment::{RecordingEntry, ScenarioVariant, VisionRuns};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
 use crate::commands::locate::EXTERNAL_POINT_STD;
@@ -54,8 +56,8 @@ struct VisionRun {
 }
 
 enum ImageSource<'a> {
-    Recording(&'a RecordingRun),
-    Simulated(&'a Variant, u64),
+    Recording(&'a RecordingEntry),
+    Simulated(&'a ScenarioVariant, u64),
 }
 
 impl ImageSource<'_> {
@@ -161,7 +163,7 @@ fn run_recording(folder: &Path, preset: &str) -> Result<VisionRun> {
     Ok(run)
 }
 
-fn run_scenario(variant: &Variant, seed: u64, preset: &str) -> Result<VisionRun> {
+fn run_scenario(variant: &ScenarioVariant, seed: u64, preset: &str) -> Result<VisionRun> {
     let scenario = variant.scenario.as_deref().context("no scenario")?;
     let simulation = Simulation::with_overrides(scenario, &variant.set, Some(seed), None)?;
     let setup = simulation.setup()?;
@@ -187,14 +189,7 @@ fn run_scenario(variant: &Variant, seed: u64, preset: &str) -> Result<VisionRun>
         let active = occlusions
             .iter()
             .filter(|occlusion| occlusion.start <= now && now < occlusion.stop);
-        let sectors: Vec<(f32, f32)> = active
-            .map(|occlusion| {
-                (
-                    occlusion.direction_deg.to_radians(),
-                    occlusion.width_deg.to_radians(),
-                )
-            })
-            .collect();
+        let sectors: Vec<Sector> = active.map(Occlusion::sector).collect();
         let scene = SceneTruth {
             pose: truth.pose,
             objects: Some(&objects),
@@ -213,8 +208,8 @@ struct SceneTruth<'a> {
     /// None if the objects are unknown.
     objects: Option<&'a [GroundTruthObject]>,
     people: &'a [localize::At<localize::FieldFrame>],
-    /// Directions and widths of covered sectors of the view, radians.
-    occluded_sectors: &'a [(f32, f32)],
+    /// Covered sectors of the view.
+    occluded_sectors: &'a [Sector],
 }
 
 impl VisionRun {
@@ -245,7 +240,7 @@ impl VisionRun {
             tilt: cycle.estimate.tilt,
             viewpoint_height: setup
                 .viewpoint_height
-                .unwrap_or(ObjectConfig::default().viewpoint_height),
+                .unwrap_or(ObjectDetectionConfig::default().viewpoint_height),
             field: &setup.field,
             map,
             occluded_sectors: truth.occluded_sectors,

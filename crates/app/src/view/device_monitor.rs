@@ -137,7 +137,7 @@ impl DeviceMonitor {
         self.cycles += 1;
         let [camera, wheels, compass, imu] = &mut self.devices;
         let bits = f32::to_bits;
-        if let Some(fault) = &cycle.fault {
+        if let Some(fault) = &cycle.image_fault {
             camera.fault_count += 1;
             camera.last_fault = Some(fault.clone());
         } else {

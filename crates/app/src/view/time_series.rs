@@ -225,13 +225,13 @@ impl CycleMetrics {
             truth: truth.map_or([f32::NAN; 3], |truth| coordinates(truth.pose)),
             values,
             sample_counts: [
-                usize::from(cycle.fault.is_none()),
+                usize::from(cycle.image_fault.is_none()),
                 cycle.inputs.odometry.len(),
                 cycle.inputs.compass.len(),
                 cycle.inputs.imu.len(),
             ]
             .map(|count| count.min(usize::from(u16::MAX)) as u16),
-            fault: cycle.fault.is_some(),
+            fault: cycle.image_fault.is_some(),
         }
     }
 }

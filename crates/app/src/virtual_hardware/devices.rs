@@ -7,7 +7,7 @@ use localize::omni::OmniKinematics;
 use localize::robot::CameraSetting;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use sim::Sim;
+use sim::Simulator;
 
 use super::base::VirtualBase;
 use super::camera::{QueuedImage, VirtualCamera};
@@ -51,7 +51,7 @@ pub(super) struct VirtualDevices {
 
 impl VirtualDevices {
     pub(super) fn new(
-        sim: &Sim,
+        sim: &Simulator,
         plan: FaultPlan,
         options: &Options<'_>,
         truth: Option<CsvWriter>,

@@ -19,7 +19,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use serde::Serialize;
-use sim::Sim;
+use sim::Simulator;
 
 use crate::run::stop_flag::StopFlag;
 use devices::VirtualDevices;
@@ -42,7 +42,7 @@ struct VirtualHardwareResult {
 }
 
 /// Runs the scenario's hardware until its end, or until a signal.
-pub(crate) fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result<()> {
+pub(crate) fn run(sim: Simulator, duration: f64, options: &Options<'_>, json: bool) -> Result<()> {
     let plan = options.faults.map(FaultPlan::load).transpose()?;
     let header = "stamp_s,x_m,y_m,theta_rad";
     let truth = options.truth.map(|path| CsvWriter::create(path, header));

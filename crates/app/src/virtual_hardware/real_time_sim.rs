@@ -11,8 +11,8 @@ use anyhow::Result;
 use localize::Stamp;
 use localize::omni::Twist;
 use localize::robot::CameraSetting;
-use sim::image_sensor::FilmConfig;
-use sim::{Sim, SimSample};
+use sim::image_sensor::ImageSensorConfig;
+use sim::{SimSample, Simulator};
 
 use super::timing::sleep_until;
 
@@ -52,7 +52,7 @@ struct RealTimeSimState {
 
 impl RealTimeSim {
     /// Starts the thread; with `own_path` the scenario's path moves the robot.
-    pub(super) fn start(sim: Sim, own_path: bool) -> Result<Self> {
+    pub(super) fn start(sim: Simulator, own_path: bool) -> Result<Self> {
         let (deliver, due) = sync_channel(SAMPLE_CHANNEL_CAPACITY);
         let shared = Arc::new(RealTimeSimState::default());
         let start = hw::now() + START_DELAY;
@@ -145,9 +145,9 @@ impl RealTimeSim {
 }
 
 /// Sets exposure and gain of the simulated camera.
-fn apply_command(sim: &mut Sim, command: Option<CameraSetting>) {
+fn apply_command(sim: &mut Simulator, command: Option<CameraSetting>) {
     if let Some(CameraSetting { exposure, gain }) = command {
-        let sensor = FilmConfig {
+        let sensor = ImageSensorConfig {
             exposure,
             gain,
             ..*sim.image_sensor()

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use hw::config::Bus;
-use sim::Sim;
+use sim::Simulator;
 
 use super::options::Options;
 use super::vescs::NODES;
@@ -19,7 +19,7 @@ pub(super) const CAMERA: &str = "camera";
 pub(super) const EXPOSURE_UNIT: f32 = 0.01;
 
 /// Writes robot.toml and hardware.toml into the folder of the devices.
-pub(super) fn write_robot_folder(sim: &Sim, options: &Options<'_>) -> Result<()> {
+pub(super) fn write_robot_folder(sim: &Simulator, options: &Options<'_>) -> Result<()> {
     let mut robot = sim.robot().clone();
     if let Some(field) = &sim.scenario().field {
         robot.field.clone_from(field);

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::toml_file::TomlFileError;
+
 /// Content of a field's TOML file. Lengths in metres; 0 leaves a marking out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -106,22 +108,9 @@ pub enum GoalColour {
 /// Why a field cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum FieldError {
-    /// The file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Error of the operating system.
-        source: std::io::Error,
-    },
-    /// The file is not a field.
-    #[error("{}: {source}", path.display())]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Line and reason.
-        source: Box<toml::de::Error>,
-    },
+    /// The file cannot be read, or its content is something else.
+    #[error(transparent)]
+    File(#[from] TomlFileError),
     /// A size that is out of range.
     #[error("{key} = {value}: {reason}")]
     InvalidSize {

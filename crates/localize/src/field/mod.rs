@@ -7,6 +7,7 @@ pub(crate) mod ray;
 use std::path::Path;
 
 use crate::frames::{At, FieldFrame};
+use crate::toml_file;
 
 pub use config::{Area, FieldConfig, FieldError, GoalColour, GoalConfig, MeasuredTo};
 
@@ -69,14 +70,7 @@ pub struct Field {
 impl Field {
     /// Reads and checks a field file.
     pub fn load(path: &Path) -> Result<Self, FieldError> {
-        let text = std::fs::read_to_string(path).map_err(|source| FieldError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        let config = toml::from_str(&text).map_err(|source| FieldError::Parse {
-            path: path.to_owned(),
-            source: Box::new(source),
-        })?;
+        let (config, _) = toml_file::read(path)?;
         Field::new(config).map_err(|source| FieldError::InFile {
             path: path.to_owned(),
             source: Box::new(source),

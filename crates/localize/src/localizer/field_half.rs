@@ -64,7 +64,7 @@ impl HalfEvidence {
     }
 
     /// Log odds that include contradicting readings which do not count yet.
-    pub(super) fn cautious_log_odds(&self) -> f32 {
+    pub(super) fn log_odds_with_withheld(&self) -> f32 {
         self.log_odds + self.withheld
     }
 
@@ -219,7 +219,9 @@ mod tests {
             // At rest nobody can tell a stuck compass from a robot that was turned around.
             half.update_compass(Stamp(k * 33_000_000), 0.0, 3.1, false, &config);
         }
-        assert!(half.log_odds() >= 9.0 && half.cautious_log_odds() < config.half_known_log_odds);
+        assert!(
+            half.log_odds() >= 9.0 && half.log_odds_with_withheld() < config.half_known_log_odds
+        );
     }
 
     #[test]

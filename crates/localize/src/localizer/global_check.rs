@@ -4,7 +4,7 @@
 //! searched at once, so a check only ever raises a suspicion.
 
 use super::Localizer;
-use super::state::{GlobalCheck, Track};
+use super::state::{GlobalCheck, PoseTrack};
 use crate::frames::Pose;
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::matching::Match;
@@ -12,7 +12,7 @@ use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
 /// Result of a check.
-pub(super) struct CheckedField {
+pub(super) struct GlobalCheckResult {
     /// Another pose explained the points of the checked image clearly better.
     pub(super) is_contradicted: bool,
     /// The other poses that explain the points, moved to the current image.
@@ -26,8 +26,8 @@ impl Localizer {
         stamp: Stamp,
         points: &[LinePoint],
         matched: &Match,
-        track: &mut Track,
-    ) -> Option<CheckedField> {
+        track: &mut PoseTrack,
+    ) -> Option<GlobalCheckResult> {
         let Some(check) = &mut self.global_check else {
             let period = self.config.mode.global_check_period;
             let is_due = period > 0.0 && track.last_global_check.seconds_until(stamp) >= period;
@@ -58,7 +58,7 @@ impl Localizer {
             let Pose { x, y, theta, .. } = hypothesis.pose * since;
             hypothesis.pose = Pose::new(x, y, theta);
         }
-        Some(CheckedField {
+        Some(GlobalCheckResult {
             is_contradicted,
             alternatives: found,
         })

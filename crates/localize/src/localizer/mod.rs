@@ -322,7 +322,7 @@ impl Localizer {
             .fit_monitor
             .is_doubtful(self.config.mode.inlier_share_min)
         {
-            estimate.doubt_setup(&self.uniform_covariance);
+            estimate.mark_setup_doubtful(&self.uniform_covariance);
         }
         estimate
     }

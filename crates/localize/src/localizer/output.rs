@@ -5,7 +5,7 @@ use nalgebra::Matrix3;
 use super::Localizer;
 use super::candidates::Candidates;
 use super::match_figures::MatchFigures;
-use super::state::Track;
+use super::state::PoseTrack;
 use crate::estimate::{Estimate, Fit, Mode, Reason};
 use crate::filter::PoseFilter;
 use crate::global_search::branch_and_bound::Hypothesis;
@@ -53,9 +53,10 @@ impl EstimateParts<'_> {
 }
 
 impl Localizer {
-    fn half_known(&self, track: &Track) -> bool {
+    fn half_known(&self, track: &PoseTrack) -> bool {
         !self.search.is_half_turn_symmetric()
-            || track.half_evidence.cautious_log_odds() >= self.config.compass.half_known_log_odds
+            || track.half_evidence.log_odds_with_withheld()
+                >= self.config.compass.half_known_log_odds
     }
 
     /// Estimate of the tracked pose, or of a lost one.
@@ -141,7 +142,7 @@ impl Localizer {
 }
 
 /// The half turn of the tracked pose, which explains the points equally well.
-fn half_turn_hypothesis(track: &Track, figures: MatchFigures) -> Hypothesis {
+fn half_turn_hypothesis(track: &PoseTrack, figures: MatchFigures) -> Hypothesis {
     let half_turned = track.filter.half_turned();
     Hypothesis {
         pose: half_turned.pose(),
@@ -151,6 +152,6 @@ fn half_turn_hypothesis(track: &Track, figures: MatchFigures) -> Hypothesis {
         residual: figures.residual,
         tilt: figures.tilt,
         // Without compass readings the log odds are 0, so both halves are equally probable.
-        probability: 1.0 / (1.0 + math::exp(track.half_evidence.cautious_log_odds())),
+        probability: 1.0 / (1.0 + math::exp(track.half_evidence.log_odds_with_withheld())),
     }
 }

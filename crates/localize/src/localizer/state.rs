@@ -20,14 +20,14 @@ pub(super) enum State {
     /// Several hypotheses explain the images so far.
     Ambiguous(Candidates),
     /// One pose, supported by the images.
-    Tracking(Track),
+    Tracking(PoseTrack),
     /// One pose that the last images contradict.
-    Suspect(Track, Suspicion),
+    Suspect(PoseTrack, Suspicion),
 }
 
 /// A tracked pose.
 #[derive(Debug, Clone)]
-pub(super) struct Track {
+pub(super) struct PoseTrack {
     pub(super) filter: PoseFilter,
     /// Evidence for the field half of the filter's pose.
     pub(super) half_evidence: HalfEvidence,
@@ -72,14 +72,14 @@ pub(super) struct GlobalCheck {
 
 impl State {
     /// The tracked pose.
-    pub(super) fn track(&self) -> Option<&Track> {
+    pub(super) fn track(&self) -> Option<&PoseTrack> {
         match self {
             State::Tracking(track) | State::Suspect(track, _) => Some(track),
             State::Lost | State::Ambiguous(_) => None,
         }
     }
 
-    pub(super) fn track_mut(&mut self) -> Option<&mut Track> {
+    pub(super) fn track_mut(&mut self) -> Option<&mut PoseTrack> {
         match self {
             State::Tracking(track) | State::Suspect(track, _) => Some(track),
             State::Lost | State::Ambiguous(_) => None,
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn measurements_reach_the_suspected_pose_and_its_alternative() {
-        let track = Track {
+        let track = PoseTrack {
             filter: filter(1.0),
             half_evidence: HalfEvidence::default(),
             last_global_check: Stamp(0),

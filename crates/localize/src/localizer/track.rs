@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::Localizer;
 use super::match_figures::MatchFigures;
-use super::state::{Suspicion, Track};
+use super::state::{PoseTrack, Suspicion};
 use crate::config::{SuspectRule, Tracker};
 use crate::estimate::{Estimate, Reason};
 use crate::filter::PoseFilter;
@@ -63,7 +63,7 @@ impl Localizer {
         &mut self,
         stamp: Stamp,
         points: &[LinePoint],
-        mut track: Track,
+        mut track: PoseTrack,
         suspicion: Option<Suspicion>,
     ) -> Estimate {
         let goals = self.take_goals(stamp);
@@ -143,7 +143,7 @@ impl Localizer {
         &mut self,
         stamp: Stamp,
         points: &[LinePoint],
-        mut track: Track,
+        mut track: PoseTrack,
         suspicion: Option<Suspicion>,
     ) -> Estimate {
         let histogram = &self.config.global_search.heading_histogram;
@@ -175,7 +175,7 @@ impl Localizer {
     fn check_thresholds(
         &mut self,
         stamp: Stamp,
-        track: Track,
+        track: PoseTrack,
         suspicion: Option<Suspicion>,
         matched: &Match,
     ) -> Estimate {
@@ -320,7 +320,7 @@ impl Localizer {
     fn dead_reckon(
         &mut self,
         stamp: Stamp,
-        mut track: Track,
+        mut track: PoseTrack,
         suspicion: Option<Suspicion>,
         reason: Reason,
     ) -> Estimate {
@@ -398,7 +398,7 @@ impl Localizer {
     fn suspect(
         &mut self,
         stamp: Stamp,
-        track: Track,
+        track: PoseTrack,
         suspicion: Option<Suspicion>,
         better: &Hypothesis,
         alternatives: Vec<Hypothesis>,

@@ -11,7 +11,7 @@
 use super::Localizer;
 use super::candidates::Candidates;
 use super::field_half::HalfEvidence;
-use super::state::{Alternative, State, Suspicion, Track};
+use super::state::{Alternative, PoseTrack, State, Suspicion};
 use crate::filter::PoseFilter;
 use crate::frames::Pose;
 use crate::stamp::Stamp;
@@ -44,7 +44,7 @@ impl Localizer {
     ) {
         self.global_check = None;
         self.global_search.reset();
-        self.state = State::Tracking(Track {
+        self.state = State::Tracking(PoseTrack {
             filter,
             half_evidence,
             last_global_check: stamp,
@@ -52,12 +52,12 @@ impl Localizer {
     }
 
     /// Tracking or Suspect → Tracking: the image supports the pose.
-    pub(super) fn confirm_pose(&mut self, track: Track) {
+    pub(super) fn confirm_pose(&mut self, track: PoseTrack) {
         self.state = State::Tracking(track);
     }
 
     /// Tracking or Suspect, unchanged: the image says nothing about the pose.
-    pub(super) fn keep_pose(&mut self, track: Track, suspicion: Option<Suspicion>) {
+    pub(super) fn keep_pose(&mut self, track: PoseTrack, suspicion: Option<Suspicion>) {
         self.state = match suspicion {
             None => State::Tracking(track),
             Some(suspicion) => State::Suspect(track, suspicion),
@@ -67,7 +67,7 @@ impl Localizer {
     /// Tracking or Suspect → Suspect, or Lost when enough consecutive images preferred the same alternative.
     pub(super) fn suspect_alternative(
         &mut self,
-        track: Track,
+        track: PoseTrack,
         previous: Option<Suspicion>,
         alternative: PoseFilter,
     ) {
@@ -92,7 +92,7 @@ impl Localizer {
     }
 
     /// Tracking or Suspect → Suspect, or Lost after enough consecutive images with a poor match.
-    pub(super) fn suspect_poor_match(&mut self, track: Track, previous: Option<Suspicion>) {
+    pub(super) fn suspect_poor_match(&mut self, track: PoseTrack, previous: Option<Suspicion>) {
         let images = match previous {
             Some(Suspicion::PoorMatch { images }) => images + 1,
             _ => 1,

@@ -5,11 +5,15 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::sensors::compass_calibration::CompassCalibration;
+use crate::toml_file::{self, TomlFileError};
 use crate::toml_location::key_location;
 
+mod calibration;
 mod camera;
 mod exposure;
 
+use calibration::CalibrationFile;
+pub use calibration::{ImuCalibration, OdometryCalibration, TimingCalibration, rotation_from_rpy};
 pub use camera::{CameraConfig, CameraSection};
 pub use exposure::{CameraControl, CameraSetting};
 
@@ -30,6 +34,9 @@ pub const DEFAULT_MIRROR_RIM_HEIGHT: f32 = 0.78;
 pub struct RobotConfig {
     /// The field file.
     pub field: PathBuf,
+    /// Files that calibration wrote. Empty after loading: their sections are in this robot then.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub include: Vec<PathBuf>,
     /// Camera and its mount. Not required for a recording of line points.
     pub camera: Option<CameraSection>,
     /// Range of the camera's exposure and gain.
@@ -46,6 +53,10 @@ pub struct RobotConfig {
     pub colours: Option<PathBuf>,
     /// Wheels.
     pub base: Option<BaseConfig>,
+    /// Correction of the wheels' motion.
+    pub odometry: Option<OdometryCalibration>,
+    /// Times between the sensors.
+    pub timing: Option<TimingCalibration>,
     /// Inertial unit.
     pub imu: Option<ImuConfig>,
     /// Compass.
@@ -122,6 +133,8 @@ pub struct ImuConfig {
     pub rate_noise_deg: f32,
     /// Constant rate bias, degrees/s (one sigma over units).
     pub rate_bias_deg: f32,
+    /// Mounting and errors of this unit, as written by `calibrate imu`.
+    pub calibration: Option<ImuCalibration>,
 }
 
 impl Default for ImuConfig {
@@ -132,6 +145,7 @@ impl Default for ImuConfig {
             acceleration_bias: 0.1,
             rate_noise_deg: 0.3,
             rate_bias_deg: 0.3,
+            calibration: None,
         }
     }
 }
@@ -211,22 +225,9 @@ impl Default for BodyConfig {
 /// Why a robot file cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotConfigError {
-    /// The file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// The file cannot be parsed.
-    #[error("{}: {source}", path.display())]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Line and reason.
-        source: Box<toml::de::Error>,
-    },
+    /// The file cannot be read, or its content is something else.
+    #[error(transparent)]
+    File(#[from] TomlFileError),
     /// A value out of bounds.
     #[error("{place}: {key}: {reason}")]
     Value {
@@ -242,15 +243,7 @@ pub enum RobotConfigError {
 impl RobotConfig {
     /// Reads and checks a robot file; its paths are resolved relative to the file's folder.
     pub fn load(path: &Path) -> Result<Self, RobotConfigError> {
-        let text = std::fs::read_to_string(path).map_err(|source| RobotConfigError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        let mut robot: RobotConfig =
-            toml::from_str(&text).map_err(|source| RobotConfigError::Parse {
-                path: path.to_owned(),
-                source: Box::new(source),
-            })?;
+        let (mut robot, text): (RobotConfig, _) = toml_file::read(path)?;
         robot
             .check()
             .map_err(|(key, reason)| RobotConfigError::Value {
@@ -270,6 +263,7 @@ impl RobotConfig {
         for file in files.into_iter().flatten() {
             *file = folder.join(&*file);
         }
+        include_files(&mut robot, folder)?;
         Ok(robot)
     }
 
@@ -305,7 +299,11 @@ impl RobotConfig {
             check_not_negative("imu.acceleration_bias", imu.acceleration_bias)?;
             check_not_negative("imu.rate_noise_deg", imu.rate_noise_deg)?;
             check_not_negative("imu.rate_bias_deg", imu.rate_bias_deg)?;
+            imu.calibration
+                .map_or(Ok(()), |calibration| calibration.check())?;
         }
+        self.odometry.map_or(Ok(()), |odometry| odometry.check())?;
+        self.timing.map_or(Ok(()), |timing| timing.check())?;
         if let Some(compass) = &self.compass {
             check_positive("compass.rate_hz", compass.rate_hz)?;
             check_not_negative("compass.noise_deg", compass.noise_deg)?;
@@ -322,6 +320,63 @@ impl RobotConfig {
         }
         Ok(())
     }
+}
+
+/// Adds the files that a robot file includes, relative to its folder. What they say replaces what the robot file says.
+fn include_files(robot: &mut RobotConfig, folder: &Path) -> Result<(), RobotConfigError> {
+    for name in std::mem::take(&mut robot.include) {
+        include_file(robot, &folder.join(name))?;
+    }
+    Ok(())
+}
+
+fn include_file(robot: &mut RobotConfig, path: &Path) -> Result<(), RobotConfigError> {
+    let (text, file) = read_file(path)?;
+    let rejected = |(key, reason): (&'static str, String)| RobotConfigError::Value {
+        place: key_location(path, &text, key),
+        key,
+        reason,
+    };
+    if let Some(odometry) = file.odometry {
+        robot.odometry = Some(odometry);
+    }
+    if let Some(imu) = file.imu {
+        let config = robot.imu.get_or_insert_with(ImuConfig::default);
+        config.calibration = Some(imu.calibration);
+    }
+    if let Some(timing) = file.timing {
+        robot.timing = Some(timing);
+    }
+    if let Some(compass) = file.compass {
+        let config = robot
+            .compass
+            .get_or_insert_with(CompassModelConfig::default);
+        config.calibration = Some(compass.calibration);
+    }
+    if let Some(rim) = file.camera {
+        let missing = || ("camera", "robot.toml has no [camera] section".to_owned());
+        let camera = robot
+            .camera
+            .as_mut()
+            .ok_or_else(missing)
+            .map_err(rejected)?;
+        camera.centre_px = Some(rim.centre_px);
+        camera.outer_radius_px = Some(rim.outer_radius_px);
+    }
+    robot.check().map_err(rejected)
+}
+
+fn read_file(path: &Path) -> Result<(String, CalibrationFile), RobotConfigError> {
+    let path_buf = || -> PathBuf { path.to_owned() };
+    let text = std::fs::read_to_string(path).map_err(|source| RobotConfigError::Read {
+        path: path_buf(),
+        source,
+    })?;
+    let file = toml::from_str(&text).map_err(|source| RobotConfigError::Parse {
+        path: path_buf(),
+        source: Box::new(source),
+    })?;
+    Ok((text, file))
 }
 
 impl BaseConfig {
@@ -388,6 +443,43 @@ mod tests {
         assert_eq!(section.camera(), None);
         let camera = section.with_axis([240.0, 239.0], None);
         assert_eq!((camera.forward_deg, camera.flipped), (90.0, true));
+    }
+
+    #[test]
+    fn included_calibration_replaces_what_the_robot_file_says() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let write = |name: &str, text: &str| {
+            std::fs::write(folder.path().join(name), text).expect("written");
+        };
+        write(
+            "robot.toml",
+            "field = \"field.toml\"\ninclude = [\"wheels.toml\", \"latency.toml\"]\n[timing]\ncamera_latency = 0.5\n",
+        );
+        write(
+            "wheels.toml",
+            "[odometry]\nmatrix = [[1.1, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.9]]\n",
+        );
+        write("latency.toml", "[timing]\ncamera_latency = 0.03\n");
+        let load = || RobotConfig::load(&folder.path().join("robot.toml"));
+        let robot = load().expect("a robot");
+        assert_eq!(robot.timing.expect("a latency").camera_latency, 0.03);
+        assert_eq!(robot.odometry.expect("a matrix").matrix[2][2], 0.9);
+        assert!(
+            robot.include.is_empty(),
+            "a log holds the values themselves"
+        );
+        for (text, wanted) in [
+            ("[timing]\ncamera_latency = 7.0\n", "line 2"),
+            ("\nfield = \"/etc/passwd\"\n", "line 2"),
+            ("[timing]\n", "line 1"),
+        ] {
+            write("latency.toml", text);
+            let message = load().expect_err("rejected").to_string();
+            assert!(
+                message.contains("latency.toml") && message.contains(wanted),
+                "{message}"
+            );
+        }
     }
 
     #[test]

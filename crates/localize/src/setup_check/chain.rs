@@ -23,7 +23,7 @@ pub(super) struct KeyframeHypotheses {
 
 /// The selected hypothesis of one keyframe.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Link {
+pub(super) struct SelectedHypothesis {
     /// Index into the keyframe's hypotheses. None if it has none.
     pub(super) hypothesis: Option<usize>,
     /// Squared deviation of the motion since the previous keyframe, limited. None without wheels.
@@ -32,7 +32,7 @@ pub(super) struct Link {
     pub(super) compass: Option<f32>,
 }
 
-impl Link {
+impl SelectedHypothesis {
     /// Do the wheels agree? None without wheels.
     pub(super) fn wheels_agree(&self) -> Option<bool> {
         self.wheels.map(|squared| squared < CONTRADICTION)
@@ -64,7 +64,10 @@ fn compass_deviation(pose: Pose, heading: f32) -> f32 {
 }
 
 /// Selects one hypothesis of each keyframe so that points, wheels and compass together cost least.
-pub(super) fn select_chain(keyframes: &[Keyframe], hypotheses: &[KeyframeHypotheses]) -> Vec<Link> {
+pub(super) fn select_chain(
+    keyframes: &[Keyframe],
+    hypotheses: &[KeyframeHypotheses],
+) -> Vec<SelectedHypothesis> {
     let mut best: Vec<Vec<(f32, Option<usize>)>> = Vec::new();
     for (k, (keyframe, own)) in keyframes.iter().zip(hypotheses).enumerate() {
         let previous = k
@@ -104,7 +107,7 @@ fn trace_back(
     keyframes: &[Keyframe],
     hypotheses: &[KeyframeHypotheses],
     best: &[Vec<(f32, Option<usize>)>],
-) -> Vec<Link> {
+) -> Vec<SelectedHypothesis> {
     let mut links = vec![None; keyframes.len()];
     let mut next: Option<Option<usize>> = None;
     for k in (0..keyframes.len()).rev() {
@@ -126,7 +129,7 @@ fn trace_back(
         .map(|k| {
             let before = k.checked_sub(1).and_then(pose);
             let wheels = keyframes[k].motion.zip(before).zip(pose(k));
-            Link {
+            SelectedHypothesis {
                 hypothesis: links[k],
                 wheels: wheels.map(|((motion, from), to)| wheel_deviation(from, to, &motion)),
                 compass: keyframes[k]

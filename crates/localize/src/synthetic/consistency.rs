@@ -31,7 +31,7 @@ pub struct ConsistencyScore {
     /// Root mean square position error of the last image of each blind interval, metres.
     pub blind_end_error: f64,
     /// Largest position error within five images after each blind interval, metres.
-    pub leap_max: f64,
+    pub reacquisition_error_max: f64,
     /// Images without a pose.
     pub lost: usize,
     /// NEES of x, y and θ, each alone.
@@ -128,7 +128,7 @@ impl Sums {
                 score.marginal_nees[k] += f64::from(off[k] * off[k] / estimate.covariance[(k, k)]);
             }
             if since_blind <= 5 {
-                score.leap_max = score.leap_max.max(position);
+                score.reacquisition_error_max = score.reacquisition_error_max.max(position);
             }
         } else {
             self.blind += 1;
@@ -190,7 +190,7 @@ mod tests {
         let mut config = LocalizeConfig::default();
         config.map_correction.enabled = false;
         for (wheels, tilt_deg, points) in [(0.25, 0.0, 2.0), (1.0, 0.45, 1.0), (4.0, 1.0, 0.5)] {
-            let drive = RoughDriveConfig::cell(wheels, tilt_deg, points);
+            let drive = RoughDriveConfig::with_scaled_errors(wheels, tilt_deg, points);
             let score = evaluate_consistency(&field, &config, &drive, 0..3, 30.0);
             assert_eq!(score.lost, 0);
             // Errors of consecutive images are correlated: the bounds are wider than those of many drives.

@@ -73,7 +73,7 @@ pub struct RoughDriveConfig {
     /// No points in the last of these seconds of each period: (period, blind). None sees always.
     pub blind: Option<(f64, f64)>,
     /// Share of the points of the first images after a blind interval that are outliers (overexposed).
-    pub dazzled_share: f64,
+    pub dazzled_outlier_share: f64,
     /// Standard deviation of the compass, degrees.
     pub compass_std_deg: f64,
 }
@@ -107,7 +107,7 @@ impl Default for RoughDriveConfig {
                 constant_tilt_deg: [0.0; 2],
             },
             blind: None,
-            dazzled_share: 0.0,
+            dazzled_outlier_share: 0.0,
             compass_std_deg: 10.0,
         }
     }
@@ -115,7 +115,7 @@ impl Default for RoughDriveConfig {
 
 impl RoughDriveConfig {
     /// The default drive with the wheels' errors and the points' errors times a factor, and a tilt from image to image.
-    pub fn cell(wheels: f64, tilt_std_deg: f64, points: f64) -> Self {
+    pub fn with_scaled_errors(wheels: f64, tilt_std_deg: f64, points: f64) -> Self {
         let mut drive = RoughDriveConfig::default();
         drive.wheels.white_share *= wheels;
         drive.wheels.white_position *= wheels;
@@ -138,7 +138,7 @@ impl RoughDriveConfig {
                 slow_share: 0.0,
             },
             blind: Some((8.0, 2.0)),
-            dazzled_share: 0.87,
+            dazzled_outlier_share: 0.87,
             ..RoughDriveConfig::default()
         }
     }
@@ -339,7 +339,9 @@ impl<R: Rng> RoughDrive<R> {
         let settings = self.config.points.clone();
         let upright_from_world = camera_rotation(self.tilt());
         let outlier_share = if dazzled {
-            self.config.dazzled_share.max(settings.outlier_share)
+            self.config
+                .dazzled_outlier_share
+                .max(settings.outlier_share)
         } else {
             settings.outlier_share
         };

@@ -7,7 +7,7 @@ use rand::rngs::Xoshiro256PlusPlus;
 use rand::{Rng, RngExt, SeedableRng};
 use serde::Serialize;
 
-use crate::estimate::{Estimate, Mode};
+use crate::estimate::Estimate;
 use crate::frames::{At, FieldFrame, Pose};
 use crate::math;
 use crate::random::standard_normal;
@@ -335,26 +335,8 @@ const STATIONARY: Odometry = Odometry {
 
 fn estimate(stamp: Stamp, pose: Pose) -> Estimate {
     let [position, heading] = POSE_STD.map(|std| std * std);
-    Estimate {
-        stamp,
-        pose: Some(pose),
-        covariance: nalgebra::Matrix3::from_diagonal(&[position, position, heading].into()),
-        mode: Mode::Tracking,
-        reason: None,
-        residual: 0.0,
-        inlier_share: 1.0,
-        line_points: 50,
-        tilt: [0.0; 2],
-        half_known: true,
-        odometry_scales: [1.0; 2],
-        twist: None,
-        collision: false,
-        gyro_bias: 0.0,
-        latency: 0.0,
-        fit: Default::default(),
-        map_correction: None,
-        runners_up: Vec::new(),
-    }
+    let covariance = nalgebra::Matrix3::from_diagonal(&[position, position, heading].into());
+    Estimate::tracked(stamp, pose, covariance)
 }
 
 fn report(

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Matrix4};
 use proptest::prelude::*;
 
 use super::{BallMeasurement, ReportedBall, TeamConfig, TeamModel, TeamReport, fuse_balls};
-use crate::estimate::{Estimate, Mode};
+use crate::estimate::Estimate;
 use crate::frames::{At, Pose};
 use crate::stamp::Stamp;
 use crate::synthetic::team_ball::{TeamExperiment, evaluate_team_ball};
@@ -37,25 +37,10 @@ fn report(robot: u32, x: f32, y: f32) -> TeamReport {
 }
 
 fn estimate(half_known: bool) -> Estimate {
+    let covariance = Matrix3::from_diagonal_element(1e-3);
     Estimate {
-        stamp: Stamp(0),
-        pose: Some(Pose::new(1.0, 1.0, 0.0)),
-        covariance: Matrix3::from_diagonal_element(1e-3),
-        mode: Mode::Tracking,
-        reason: None,
-        residual: 0.0,
-        inlier_share: 1.0,
-        line_points: 50,
-        tilt: [0.0; 2],
         half_known,
-        odometry_scales: [1.0; 2],
-        twist: None,
-        collision: false,
-        gyro_bias: 0.0,
-        latency: 0.0,
-        fit: Default::default(),
-        map_correction: None,
-        runners_up: Vec::new(),
+        ..Estimate::tracked(Stamp(0), Pose::new(1.0, 1.0, 0.0), covariance)
     }
 }
 

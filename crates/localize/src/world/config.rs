@@ -10,10 +10,10 @@ use crate::config::{SettingError, WORLD_BOUNDS, check_bounds};
 #[serde(deny_unknown_fields, default)]
 pub struct WorldConfig {
     /// The ball.
-    pub ball: ObjectConfig,
+    pub ball: ObjectTrackConfig,
     /// Robots of both teams and legs of people. Defaults differ: acceleration_noise 1.5, deceleration 0,
     /// initial_speed_std 1.5 and separation_min 0.35.
-    pub robots: ObjectConfig,
+    pub robots: ObjectTrackConfig,
     /// Gap between images after which all tracks are deleted, seconds.
     pub gap_max: f32,
     /// Largest speed of the robot itself, m/s. It bounds the motion without odometry and pose.
@@ -34,7 +34,7 @@ pub struct WorldConfig {
 /// Motion and detection of a kind of object.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct ObjectConfig {
+pub struct ObjectTrackConfig {
     /// Process noise of the velocity, m/s per square root of a second. A larger value follows changes of direction
     /// faster and smooths less.
     pub acceleration_noise: f32,
@@ -68,8 +68,8 @@ pub struct ObjectConfig {
 impl Default for WorldConfig {
     fn default() -> Self {
         WorldConfig {
-            ball: ObjectConfig::default(),
-            robots: ObjectConfig::robots(),
+            ball: ObjectTrackConfig::default(),
+            robots: ObjectTrackConfig::robots(),
             gap_max: 1.0,
             own_speed_max: 4.0,
             // Measured scale errors of wheels lie below 3 % (nubot2013 4).
@@ -84,22 +84,22 @@ impl Default for WorldConfig {
     }
 }
 
-impl ObjectConfig {
+impl ObjectTrackConfig {
     fn robots() -> Self {
-        ObjectConfig {
+        ObjectTrackConfig {
             // Robots brake and turn within a second.
             acceleration_noise: 1.5,
             deceleration: 0.0,
             initial_speed_std: 1.5,
             separation_min: 0.35,
-            ..ObjectConfig::default()
+            ..ObjectTrackConfig::default()
         }
     }
 }
 
-impl Default for ObjectConfig {
+impl Default for ObjectTrackConfig {
     fn default() -> Self {
-        ObjectConfig {
+        ObjectTrackConfig {
             acceleration_noise: 1.0,
             // A ball that rolls on carpet.
             deceleration: 0.35,

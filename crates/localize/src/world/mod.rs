@@ -13,12 +13,12 @@ mod track;
 
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2};
 
-pub use config::{ObjectConfig, WorldConfig};
+pub use config::{ObjectTrackConfig, WorldConfig};
 pub use observation::{ObjectObservation, OdometryFrame, TeamColour, WorldObservation};
 
 use observation::Measurement;
 use odometry_buffer::OdometryBuffer;
-use track::Track;
+use track::ObjectTrack;
 
 use crate::estimate::Estimate;
 use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf};
@@ -75,8 +75,8 @@ pub struct WorldModel {
     /// Height of the viewpoint above the ground, metres: a tilt moves far objects by their squared distance over it.
     viewpoint_height: f32,
     motion: OdometryBuffer,
-    balls: Vec<Track>,
-    robots: Vec<Track>,
+    balls: Vec<ObjectTrack>,
+    robots: Vec<ObjectTrack>,
     next_id: u32,
     last: Option<LastImage>,
 }
@@ -293,7 +293,7 @@ impl VisibleArea {
 /// What association needs besides tracks and measurements.
 struct AssociationContext<'a> {
     stamp: Stamp,
-    config: &'a ObjectConfig,
+    config: &'a ObjectTrackConfig,
     view: &'a VisibleArea,
 }
 
@@ -306,7 +306,7 @@ struct AssociationPair {
 
 /// Assigns measurements to tracks, pairs with the smallest cost first; starts tracks for the others.
 fn associate(
-    tracks: &mut Vec<Track>,
+    tracks: &mut Vec<ObjectTrack>,
     measurements: &[Measurement],
     context: &AssociationContext,
     next_id: &mut u32,
@@ -352,15 +352,15 @@ fn associate(
     }
     for (measurement, assigned) in measurements.iter().zip(assigned) {
         if !assigned {
-            tracks.push(Track::new(*next_id, stamp, measurement, config));
+            tracks.push(ObjectTrack::new(*next_id, stamp, measurement, config));
             *next_id = next_id.wrapping_add(1);
         }
     }
 }
 
 /// Of two tracks closer than `separation_min` metres the less probable one is removed.
-fn remove_duplicates(tracks: &mut Vec<Track>, separation_min: f32) {
-    let mut kept: Vec<Track> = Vec::with_capacity(tracks.len());
+fn remove_duplicates(tracks: &mut Vec<ObjectTrack>, separation_min: f32) {
+    let mut kept: Vec<ObjectTrack> = Vec::with_capacity(tracks.len());
     tracks.sort_by(|a, b| {
         b.probability()
             .total_cmp(&a.probability())
@@ -374,12 +374,15 @@ fn remove_duplicates(tracks: &mut Vec<Track>, separation_min: f32) {
             kept.push(track);
         }
     }
-    kept.sort_by_key(Track::id);
+    kept.sort_by_key(ObjectTrack::id);
     *tracks = kept;
 }
 
 /// The most probable confirmed track, since there is one ball; of equal ones the one with the smaller variance.
-fn most_probable<'a>(tracks: &'a [Track], config: &ObjectConfig) -> Option<&'a Track> {
+fn most_probable<'a>(
+    tracks: &'a [ObjectTrack],
+    config: &ObjectTrackConfig,
+) -> Option<&'a ObjectTrack> {
     tracks
         .iter()
         .filter(|track| track.is_confirmed(config))
@@ -398,7 +401,7 @@ struct OutputTransform {
 }
 
 impl OutputTransform {
-    fn tracked_object(&self, track: &Track) -> TrackedObject {
+    fn tracked_object(&self, track: &ObjectTrack) -> TrackedObject {
         let robot_rotation = rotation(self.robot_from_odometry.theta);
         let state_rotation = block_diagonal(robot_rotation);
         let at = self.robot_from_odometry * track.at();

@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{ObjectObservation, TeamColour, WorldConfig, WorldModel, WorldObservation, WorldView};
-use crate::estimate::{Estimate, Mode};
+use crate::estimate::Estimate;
 use crate::frames::{At, FieldFrame, Pose, RobotFrame};
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
@@ -15,24 +15,12 @@ const STD: f32 = 0.05;
 
 fn estimate(stamp: Stamp, pose: Option<Pose>) -> Estimate {
     Estimate {
-        stamp,
         pose,
-        covariance: Matrix3::from_diagonal_element(1e-4),
-        mode: Mode::Tracking,
-        reason: None,
-        residual: 0.0,
-        inlier_share: 1.0,
-        line_points: 50,
-        tilt: [0.0; 2],
-        half_known: true,
-        odometry_scales: [1.0; 2],
-        twist: None,
-        collision: false,
-        gyro_bias: 0.0,
-        latency: 0.0,
-        fit: Default::default(),
-        map_correction: None,
-        runners_up: Vec::new(),
+        ..Estimate::tracked(
+            stamp,
+            Pose::new(0.0, 0.0, 0.0),
+            Matrix3::from_diagonal_element(1e-4),
+        )
     }
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
-use super::config::ObjectConfig;
+use super::config::ObjectTrackConfig;
 use super::observation::{Measurement, OdometryFrame, TeamColour};
 use crate::frames::At;
 use crate::math;
@@ -25,7 +25,7 @@ pub(super) struct Gating {
 
 /// One object in the odometry frame.
 #[derive(Debug, Clone)]
-pub(super) struct Track {
+pub(super) struct ObjectTrack {
     id: u32,
     /// Position and velocity: metres, m/s.
     state: TrackState,
@@ -37,13 +37,13 @@ pub(super) struct Track {
     cyan_votes: i32,
 }
 
-impl Track {
+impl ObjectTrack {
     /// A track from its first detection.
     pub(super) fn new(
         id: u32,
         stamp: Stamp,
         measurement: &Measurement,
-        config: &ObjectConfig,
+        config: &ObjectTrackConfig,
     ) -> Self {
         let mut covariance = Matrix4::zeros();
         covariance
@@ -52,7 +52,7 @@ impl Track {
         let speed = config.initial_speed_std * config.initial_speed_std;
         (covariance[(2, 2)], covariance[(3, 3)]) = (speed, speed);
         let newborn = config.birth_probability * measurement.score;
-        Track {
+        ObjectTrack {
             id,
             state: TrackState::new(measurement.at.x, measurement.at.y, 0.0, 0.0),
             covariance,
@@ -63,7 +63,7 @@ impl Track {
     }
 
     /// Predicts position and velocity with rolling friction and adds process noise.
-    pub(super) fn predict(&mut self, seconds: f32, config: &ObjectConfig) {
+    pub(super) fn predict(&mut self, seconds: f32, config: &ObjectTrackConfig) {
         let velocity = self.velocity();
         let displacement = rolling_displacement(velocity, seconds, config.deceleration);
         let speed = velocity.norm();
@@ -124,7 +124,7 @@ impl Track {
         &mut self,
         stamp: Stamp,
         measurement: &Measurement,
-        config: &ObjectConfig,
+        config: &ObjectTrackConfig,
     ) {
         let Some(inverse) = self.innovation_covariance(measurement).try_inverse() else {
             return;
@@ -142,7 +142,7 @@ impl Track {
     }
 
     /// The object was visible but not detected.
-    pub(super) fn mark_missed(&mut self, config: &ObjectConfig) {
+    pub(super) fn mark_missed(&mut self, config: &ObjectTrackConfig) {
         self.update_existence(
             (1.0 - config.detection_probability) / (1.0 - config.false_alarm_probability),
         );
@@ -154,7 +154,7 @@ impl Track {
     }
 
     /// False if the track is to be deleted.
-    pub(super) fn is_kept(&self, stamp: Stamp, config: &ObjectConfig) -> bool {
+    pub(super) fn is_kept(&self, stamp: Stamp, config: &ObjectTrackConfig) -> bool {
         let unseen = self.last_seen.seconds_until(stamp) as f32;
         let uncertain =
             self.position_variance() > config.position_std_max * config.position_std_max;
@@ -168,7 +168,7 @@ impl Track {
     }
 
     /// True if the track is part of the output.
-    pub(super) fn is_confirmed(&self, config: &ObjectConfig) -> bool {
+    pub(super) fn is_confirmed(&self, config: &ObjectTrackConfig) -> bool {
         self.probability() >= config.confirm_probability
     }
 

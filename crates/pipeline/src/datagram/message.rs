@@ -286,7 +286,7 @@ impl State {
             robots: cycle.world.robots.iter().map(report).collect(),
             health: Some(Health {
                 mode: convert::mode_and_reason(estimate),
-                fault: cycle.fault.clone().unwrap_or_default(),
+                fault: cycle.image_fault.clone().unwrap_or_default(),
                 line_points: estimate.line_points as u32,
                 inlier_share: estimate.inlier_share,
                 see_ms: cycle.timings.see_ms,

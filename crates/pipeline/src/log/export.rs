@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 
 use super::encoded_image::ImageCompression;
-use super::mcap_records::LogEnd;
+use super::mcap_records::LogCompleteness;
 use super::read::{LogReader, LoggedCycle};
 use crate::csv_table::format_seconds;
+use crate::recording::IMU_COLUMNS;
 
 /// Counts of what an export wrote.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,7 +20,7 @@ pub struct ExportSummary {
     /// Rows of odometry.csv.
     pub odometry: u64,
     /// How the log ended.
-    pub end: LogEnd,
+    pub end: LogCompleteness,
 }
 
 /// Writes a log as a recording folder, which gets its name only when it is complete.
@@ -75,7 +76,7 @@ fn write_recording(mut log: LogReader, folder: &Path) -> Result<ExportSummary> {
     for logged in log.by_ref() {
         tables.write_cycle(&logged?)?;
     }
-    let end = log.end().unwrap_or(LogEnd::Truncated);
+    let end = log.end().unwrap_or(LogCompleteness::Truncated);
     tables.finish(end)
 }
 
@@ -85,6 +86,7 @@ struct RecordingTables {
     frames: OptionalCsv,
     points: OptionalCsv,
     odometry: OptionalCsv,
+    imu: OptionalCsv,
     compass: OptionalCsv,
     magnetometer: OptionalCsv,
     truth: OptionalCsv,
@@ -100,6 +102,7 @@ impl RecordingTables {
             frames: table("frames.csv", "stamp_s,file")?,
             points: table("points.csv", "stamp_s,x_m,y_m")?,
             odometry: table("odometry.csv", "stamp_s,dx_m,dy_m,dtheta_rad")?,
+            imu: table("imu.csv", &format!("stamp_s,{}", IMU_COLUMNS.join(",")))?,
             compass: table("compass.csv", "stamp_s,heading_rad")?,
             magnetometer: table("magnetometer.csv", "stamp_s,x,y")?,
             truth: table("truth.csv", "stamp_s,x_m,y_m,theta_rad")?,
@@ -119,6 +122,12 @@ impl RecordingTables {
                 sample.dtheta
             );
             self.odometry.write_row(&row)?;
+        }
+        for sample in &cycle.inputs.imu {
+            let stamp = format_seconds(sample.stamp);
+            let ([ax, ay, az], [wx, wy, wz]) = (sample.acceleration, sample.rate);
+            self.imu
+                .write_row(&format!("{stamp},{ax},{ay},{az},{wx},{wy},{wz}"))?;
         }
         for sample in &cycle.inputs.compass {
             self.compass.write_row(&format!(
@@ -162,7 +171,7 @@ impl RecordingTables {
         Ok(())
     }
 
-    fn finish(self, end: LogEnd) -> Result<ExportSummary> {
+    fn finish(self, end: LogCompleteness) -> Result<ExportSummary> {
         let images = self.frames.rows;
         let exported = ExportSummary {
             frames: if images > 0 {
@@ -183,7 +192,7 @@ impl RecordingTables {
         if images == 0 {
             std::fs::remove_dir(self.folder.join("frames"))?;
         }
-        let motion = [self.odometry, self.compass, self.magnetometer];
+        let motion = [self.odometry, self.imu, self.compass, self.magnetometer];
         for table in motion.into_iter().chain([self.truth, self.objects]) {
             table.finish(true)?;
         }

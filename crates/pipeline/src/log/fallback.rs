@@ -30,7 +30,7 @@ struct FallbackCycle {
 
 impl FallbackReader {
     /// Adds a cycle with this stamp.
-    pub(super) fn add_stamp(&mut self, time: u64) {
+    pub(super) fn add_cycle(&mut self, time: u64) {
         self.cycles.entry(time).or_default();
     }
 
@@ -64,7 +64,7 @@ impl FallbackReader {
         let mut times: Vec<u64> = images.keys().copied().collect();
         times.sort_unstable();
         for time in times {
-            self.add_stamp(time);
+            self.add_cycle(time);
         }
         let logged = |(index, (time, fallback)): (usize, (u64, FallbackCycle))| {
             Ok(LoggedCycle {

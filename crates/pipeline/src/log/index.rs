@@ -20,7 +20,7 @@ use super::fallback::FallbackReader;
 use super::header::{Header, translate_files};
 use super::limits::{FieldBudget, check_message};
 use super::mcap_records::{
-    LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
+    LogCompleteness, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
 };
 use super::read::LoggedCycle;
 use super::schema::{
@@ -50,7 +50,7 @@ pub struct LogIndex {
     header: Header,
     chunks: Vec<ChunkInfo>,
     topics: Mutex<HashMap<u16, String>>,
-    end: LogEnd,
+    end: LogCompleteness,
     warnings: Vec<String>,
     /// False if only the topics for viewers can be read.
     cycles_readable: bool,
@@ -76,14 +76,14 @@ impl LogIndex {
                 };
                 let mut parts: Vec<ChunkInfo> = summary.chunk_indexes.iter().map(part).collect();
                 parts.sort_by_key(|part| part.offset);
-                (parts, LogEnd::Complete)
+                (parts, LogCompleteness::Complete)
             }
             _ => {
                 missing.push(
                     "the log is cut: it has no summary, and ends with its last whole chunk"
                         .to_owned(),
                 );
-                (scan_chunks(path)?, LogEnd::Truncated)
+                (scan_chunks(path)?, LogCompleteness::Truncated)
             }
         };
         ensure!(
@@ -151,7 +151,7 @@ impl LogIndex {
     }
 
     /// How the file ends.
-    pub fn end(&self) -> LogEnd {
+    pub fn end(&self) -> LogCompleteness {
         self.end
     }
 
@@ -193,7 +193,7 @@ impl LogIndex {
                 CYCLE_TOPIC => match wire::Cycle::decode(&data[..]) {
                     Ok(message) => cycles.push((time, message)),
                     // Another version wrote it, so its other topics are shown.
-                    Err(_) => fallback.add_stamp(time),
+                    Err(_) => fallback.add_cycle(time),
                 },
                 _ if self.cycles_readable => {}
                 topic => fallback.add_message(topic, time, &data),

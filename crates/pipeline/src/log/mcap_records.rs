@@ -41,7 +41,7 @@ impl DamagedRange {
 
 /// How a file ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LogEnd {
+pub enum LogCompleteness {
     /// With index and summary: the writer was closed.
     Complete,
     /// Without summary: the writer was killed, or the copy is incomplete.
@@ -54,7 +54,7 @@ pub(super) struct RecordReader {
     file: BufReader<File>,
     offset: u64,
     chunk: VecDeque<Record<'static>>,
-    end: Option<LogEnd>,
+    end: Option<LogCompleteness>,
 }
 
 impl RecordReader {
@@ -79,7 +79,7 @@ impl RecordReader {
     }
 
     /// How the file ended. None before the end is read.
-    pub(super) fn end(&self) -> Option<LogEnd> {
+    pub(super) fn end(&self) -> Option<LogCompleteness> {
         self.end
     }
 
@@ -94,7 +94,7 @@ impl RecordReader {
             }
             let offset = self.offset;
             let Some((opcode, body)) = self.read_record()? else {
-                self.end = Some(LogEnd::Truncated);
+                self.end = Some(LogCompleteness::Truncated);
                 return Ok(None);
             };
             let damage = |reason: String| DamagedRange { offset, reason };
@@ -106,7 +106,7 @@ impl RecordReader {
                 continue;
             }
             match parse_record(opcode, &body).map_err(|error| damage(error.to_string()))? {
-                Record::DataEnd(_) => self.end = Some(LogEnd::Complete),
+                Record::DataEnd(_) => self.end = Some(LogCompleteness::Complete),
                 Record::MessageIndex(_) | Record::Unknown { .. } => {}
                 record => return Ok(Some(record.into_owned())),
             }
@@ -123,7 +123,7 @@ impl RecordReader {
         let length = u64::from_le_bytes(length);
         if length > MAX_RECORD_BYTES {
             // With this record's length, the start of the next one is unknown.
-            self.end = Some(LogEnd::Truncated);
+            self.end = Some(LogCompleteness::Truncated);
             let reason = format!("a record of {length} bytes, which none is");
             return Err(DamagedRange {
                 offset: self.offset,
@@ -146,7 +146,7 @@ impl RecordReader {
     }
 
     fn io_damage(&mut self, error: &std::io::Error) -> DamagedRange {
-        self.end = Some(LogEnd::Truncated);
+        self.end = Some(LogCompleteness::Truncated);
         DamagedRange {
             offset: self.offset,
             reason: format!("cannot read {}: {error}", self.path.display()),

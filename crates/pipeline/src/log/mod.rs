@@ -26,7 +26,7 @@ pub use encoded_image::{EncodedImage, ImageCompression};
 pub use export::export;
 pub use header::Header;
 pub use index::{ChunkInfo, LogIndex};
-pub use mcap_records::LogEnd;
+pub use mcap_records::LogCompleteness;
 pub use read::{LogReader, LoggedCycle};
 pub use record::Recorder;
 pub use recover::recover;

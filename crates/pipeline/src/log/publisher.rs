@@ -208,7 +208,7 @@ impl CyclePublisher {
     /// Logs changes of the mode, unusable images and uncontrolled light changes.
     fn log_state_changes(&mut self, cycle: &Cycle) {
         let (stamp, estimate) = (cycle.stamp, &cycle.estimate);
-        if let Some(fault) = &cycle.fault {
+        if let Some(fault) = &cycle.image_fault {
             self.log_message(stamp, Level::Warning, format!("frame not used: {fault}"));
         }
         if cycle.exposure.is_some_and(|status| status.warning) {

@@ -11,7 +11,7 @@ use prost::Message;
 use super::encoded_image::{EncodedImage, ImageCompression};
 use super::header::{Header, translate_files};
 use super::limits::check_message;
-use super::mcap_records::{LogEnd, RecordReader};
+use super::mcap_records::{LogCompleteness, RecordReader};
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
 };
@@ -185,7 +185,7 @@ impl LogReader {
     }
 
     /// How the log ended. None before the end is read.
-    pub fn end(&self) -> Option<LogEnd> {
+    pub fn end(&self) -> Option<LogCompleteness> {
         self.stream.end()
     }
 
@@ -251,14 +251,14 @@ impl LoggedCycle {
     ///
     /// With `pixels`, the image holds its pixels if the log stored them losslessly. Otherwise it holds the detections.
     pub fn samples(&self, pixels: bool) -> Result<Vec<Sample>> {
-        let settings = self.cycle.inputs.settings.clone();
+        let settings = self.cycle.inputs.changed_config_toml.clone();
         let mut samples: Vec<Sample> = settings.map(Sample::Settings).into_iter().collect();
         samples.extend(self.cycle.inputs.sorted_samples());
         let exact = self
             .image
             .as_ref()
             .filter(|image| pixels && image.compression == ImageCompression::Png);
-        let content = match (exact, &self.cycle.fault) {
+        let content = match (exact, &self.cycle.image_fault) {
             (Some(image), _) => ImageContent::Pixels(image.decode()?.into()),
             (None, Some(fault)) => ImageContent::Unreadable(fault.clone()),
             (None, None) => match &self.cycle.detections {
@@ -271,7 +271,7 @@ impl LoggedCycle {
         };
         samples.push(Sample::Image(CameraImage {
             stamp: self.cycle.stamp,
-            setting: self.cycle.inputs.setting,
+            setting: self.cycle.inputs.exposure_setting,
             content,
         }));
         Ok(samples)

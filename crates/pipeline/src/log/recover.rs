@@ -9,7 +9,7 @@ use mcap::records::{MessageHeader, Record};
 use mcap::{Attachment, WriteOptions, Writer};
 use vision::output_file::OutputFile;
 
-use super::mcap_records::{DamagedRange, LogEnd, RecordReader};
+use super::mcap_records::{DamagedRange, LogCompleteness, RecordReader};
 
 /// Result of a recovery.
 #[derive(Debug, Clone, PartialEq)]
@@ -93,7 +93,8 @@ fn copy_records(stream: &mut RecordReader, file: OutputFile) -> Result<RecoveryS
             .lost
             .push(format!("{strays} records whose channel was in a lost part"));
     }
-    recovered.was_whole = stream.end() == Some(LogEnd::Complete) && recovered.lost.is_empty();
+    recovered.was_whole =
+        stream.end() == Some(LogCompleteness::Complete) && recovered.lost.is_empty();
     copy.writer.write_metadata(&mcap::records::Metadata {
         name: "recovery".to_owned(),
         metadata: BTreeMap::from([

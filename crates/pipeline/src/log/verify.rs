@@ -5,7 +5,7 @@ use localize::Stamp;
 use prost::Message;
 
 use super::encoded_image::ImageCompression;
-use super::mcap_records::LogEnd;
+use super::mcap_records::LogCompleteness;
 use super::read::LogReader;
 use super::schema::{convert, wire};
 use crate::cycle::Cycle;
@@ -40,7 +40,7 @@ pub struct VerificationReport {
     /// Cycles after the gap.
     pub unverified: u64,
     /// How the log ended.
-    pub end: LogEnd,
+    pub end: LogCompleteness,
 }
 
 /// Recomputes every cycle of a log and compares it bit by bit.
@@ -77,7 +77,7 @@ pub fn verify(
             first.get_or_insert(difference);
         }
     }
-    let end = log.end().unwrap_or(LogEnd::Truncated);
+    let end = log.end().unwrap_or(LogCompleteness::Truncated);
     Ok(VerificationReport {
         cycles,
         vision_cycles,

@@ -1,14 +1,15 @@
 //! How complete and how correct are detections? Line points, ball, robots and goal posts against ground truth.
 //!
-//! Points are compared after correction by the tilt that matching estimated for the image.
+//! All are compared after correction by the tilt that matching estimated for the image.
 
 use localize::frames::{At, FieldFrame, RobotFrame};
 use localize::math;
 use localize::tilt::ground_from_map;
 use localize::{Field, Pose};
 use serde::Serialize;
+use sim::Sector;
 use sim::world::OTHER_HALF_SIDE;
-use vision::config::ObjectConfig;
+use vision::config::ObjectDetectionConfig;
 use vision::objects::robots::RobotDetection;
 use vision::{Detections, GroundMap, overlay};
 
@@ -39,8 +40,8 @@ pub struct GroundTruthScene<'a> {
     pub field: &'a Field,
     /// The ground map.
     pub map: &'a GroundMap,
-    /// Covered sectors of the view: centre and full width, radians, robot frame.
-    pub occluded_sectors: &'a [(f32, f32)],
+    /// Covered sectors of the view.
+    pub occluded_sectors: &'a [Sector],
     /// Ball and robots. None if they are unknown.
     pub objects: Option<&'a [GroundTruthObject]>,
     /// People. A robot that is detected in their place is an obstacle in its place: neither found nor false.
@@ -149,8 +150,9 @@ impl DetectionStatistics {
         note: &mut impl FnMut(ScoredItem),
     ) {
         self.add_points(detections, scene, note);
-        self.add_ball(detections, scene, note);
-        self.add_robots(detections, scene, note);
+        let upright = scene.compensate_objects(detections);
+        self.add_ball(&upright, scene, note);
+        self.add_robots(&upright, scene, note);
         let config = &scene.field.config;
         let posts = [-1.0f32, 1.0].into_iter().flat_map(|end| {
             [-1.0f32, 1.0].map(|side| {
@@ -421,6 +423,26 @@ impl GroundTruthScene<'_> {
         At::new(x, y)
     }
 
+    /// Ball and robots on the ground of the tilted robot.
+    fn compensate_objects(&self, detections: &Detections) -> Detections {
+        let mut upright = Detections {
+            ball: detections.ball,
+            robots: detections.robots.clone(),
+            ..Detections::default()
+        };
+        if let Some(ball) = &mut upright.ball {
+            ball.at = self.compensate_tilt(ball.at);
+        }
+        for robot in &mut upright.robots {
+            // Only the edge is seen on the ground; the centre keeps its distance from it.
+            let edge = self.compensate_tilt(robot.edge);
+            let behind = [robot.at.x - robot.edge.x, robot.at.y - robot.edge.y];
+            robot.at = At::new(edge.x + behind[0], edge.y + behind[1]);
+            robot.edge = edge;
+        }
+        upright
+    }
+
     /// Bodies of the other robots, robot frame.
     fn robot_bodies(&self) -> Vec<Body> {
         let robots = self.known_objects().iter().filter(|object| !object.is_ball);
@@ -428,7 +450,7 @@ impl GroundTruthScene<'_> {
             at: self.pose.inverse() * robot.at,
             outline: match robot.heading {
                 Some(heading) => BodyOutline::Square(OTHER_HALF_SIDE, heading - self.pose.theta),
-                None => BodyOutline::Circle(ObjectConfig::default().robot_radius),
+                None => BodyOutline::Circle(ObjectDetectionConfig::default().robot_radius),
             },
         };
         robots.map(body).collect()
@@ -437,7 +459,11 @@ impl GroundTruthScene<'_> {
     /// True if a robot or a covered sector occludes this point.
     fn is_occluded(&self, at: At<RobotFrame>) -> bool {
         let range = at.distance();
-        let covered = visibility::is_in_sectors(math::atan2(at.y, at.x), self.occluded_sectors);
+        let direction = math::atan2(at.y, at.x);
+        let covered = self
+            .occluded_sectors
+            .iter()
+            .any(|sector| sector.contains(direction));
         covered
             || self
                 .known_objects()
@@ -461,7 +487,7 @@ impl GroundTruthScene<'_> {
             let mut bodies = self.robot_bodies();
             bodies.push(Body {
                 at,
-                outline: BodyOutline::Circle(ObjectConfig::default().ball_radius),
+                outline: BodyOutline::Circle(ObjectDetectionConfig::default().ball_radius),
             });
             let visibilities = visibility::body_visibilities(&bodies, self.occluded_sectors);
             return visibilities
@@ -470,9 +496,9 @@ impl GroundTruthScene<'_> {
         };
         vision::objects::ball::expected_ball_pixels_at(
             self.map,
-            &ObjectConfig {
+            &ObjectDetectionConfig {
                 viewpoint_height: self.viewpoint_height,
-                ..ObjectConfig::default()
+                ..ObjectDetectionConfig::default()
             },
             at,
         )

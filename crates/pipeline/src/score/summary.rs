@@ -1,12 +1,15 @@
 //! What are the results of a run? Errors, detections and durations, as text and as data.
 
+use localize::frames::{At, RobotFrame};
+use localize::tilt::ground_from_map;
 use serde::Serialize;
+use vision::config::ObjectDetectionConfig;
 use vision::exposure::ExposureStatus;
-use vision::objects::ball::BallDetection;
 
 use crate::cycle::Cycle;
 use crate::sample::GroundTruth;
 use crate::score::{self, PoseError, SampleStatistics};
+use crate::setup::Setup;
 
 /// Farther balls do not count as missed, metres.
 const BALL_RANGE: f32 = 6.0;
@@ -68,8 +71,9 @@ pub struct ExposureSummary {
 }
 
 /// Statistics of a run, collected cycle by cycle.
-#[derive(Default)]
 pub struct RunStatistics {
+    /// Height of the mirror's viewpoint, metres.
+    viewpoint_height: f32,
     modes: [usize; 3],
     unreadable: usize,
     line_points: Vec<f64>,
@@ -85,10 +89,30 @@ pub struct RunStatistics {
 }
 
 impl RunStatistics {
+    /// Statistics of a run of this robot.
+    pub fn new(setup: &Setup) -> Self {
+        RunStatistics {
+            viewpoint_height: setup
+                .viewpoint_height
+                .unwrap_or(ObjectDetectionConfig::default().viewpoint_height),
+            modes: [0; 3],
+            unreadable: 0,
+            line_points: Vec::new(),
+            position: Vec::new(),
+            heading: Vec::new(),
+            ball: BallSummary::default(),
+            ball_errors: Vec::new(),
+            exposure: ExposureSummary::default(),
+            search_began: None,
+            see_ms: Vec::new(),
+            localize_ms: Vec::new(),
+        }
+    }
+
     /// Adds a cycle, with its error if the truth is known.
     pub fn add_cycle(&mut self, cycle: &Cycle, error: Option<PoseError>) {
         self.modes[cycle.estimate.mode as usize] += 1;
-        self.unreadable += usize::from(cycle.fault.is_some());
+        self.unreadable += usize::from(cycle.image_fault.is_some());
         self.line_points.push(cycle.line_points.len() as f64);
         self.see_ms.push(f64::from(cycle.timings.see_ms));
         self.localize_ms.push(f64::from(cycle.timings.localize_ms));
@@ -100,7 +124,12 @@ impl RunStatistics {
             self.add_exposure(reading);
         }
         if let (Some(truth), Some(detections)) = (&cycle.inputs.truth, &cycle.detections) {
-            self.add_ball(truth, detections.ball.as_ref());
+            let found = detections.ball.map(|ball| {
+                let at = [ball.at.x, ball.at.y];
+                let [x, y] = ground_from_map(at, cycle.estimate.tilt, self.viewpoint_height);
+                At::new(x, y)
+            });
+            self.add_ball(truth, found);
         }
     }
 
@@ -117,11 +146,11 @@ impl RunStatistics {
         }
     }
 
-    fn add_ball(&mut self, truth: &GroundTruth, found: Option<&BallDetection>) {
+    fn add_ball(&mut self, truth: &GroundTruth, found: Option<At<RobotFrame>>) {
         let Some(ball) = truth.ball else { return };
         let ball = truth.pose.inverse() * ball;
         let (tolerance, share) = BALL_TOLERANCE;
-        let error = found.map(|found| found.at.distance_to(ball));
+        let error = found.map(|found| found.distance_to(ball));
         let hit = error.filter(|&error| error <= tolerance + share * ball.distance());
         self.ball_errors.extend(hit.map(f64::from));
         if ball.distance() <= BALL_RANGE {

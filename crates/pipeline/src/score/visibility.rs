@@ -4,8 +4,9 @@
 
 use std::f32::consts::TAU;
 
-use localize::frames::{At, RobotFrame, wrap_angle};
+use localize::frames::{At, RobotFrame};
 use localize::math;
+use sim::Sector;
 
 /// Number of directions. Their spacing, 0.25°, is 2 cm at 4 m.
 const DIRECTIONS: usize = 1440;
@@ -65,8 +66,8 @@ impl Body {
     }
 }
 
-/// The visible part of each body. `covered`: covered sectors, centre and full width, radians.
-pub fn body_visibilities(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Visibility> {
+/// The visible part of each body. `covered`: covered sectors.
+pub fn body_visibilities(bodies: &[Body], covered: &[Sector]) -> Vec<Visibility> {
     let mut spans = vec![(0u32, 0u32); bodies.len()];
     let mut nearest = vec![f32::INFINITY; bodies.len()];
     for direction in 0..DIRECTIONS {
@@ -77,7 +78,7 @@ pub fn body_visibilities(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Visibil
             .map(|body| body.ray_distance([cos, sin]).unwrap_or(f32::INFINITY))
             .collect();
         let first = ranges.iter().copied().fold(f32::INFINITY, f32::min);
-        let hidden = is_in_sectors(angle, covered);
+        let hidden = covered.iter().any(|sector| sector.contains(angle));
         for (index, &range) in ranges
             .iter()
             .enumerate()
@@ -100,12 +101,6 @@ pub fn body_visibilities(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Visibil
             nearest_distance: nearest,
         })
         .collect()
-}
-
-/// True if a direction (radians, robot frame) lies in a covered sector.
-pub fn is_in_sectors(angle: f32, covered: &[(f32, f32)]) -> bool {
-    let inside = |&(middle, width): &(f32, f32)| wrap_angle(angle - middle).abs() <= width / 2.0;
-    covered.iter().any(inside)
 }
 
 #[cfg(test)]
@@ -155,7 +150,14 @@ mod tests {
             ..square(2.0, 0.0)
         };
         assert_eq!(
-            body_visibilities(&[turned], &[(0.1, 1.0)])[0].visible_fraction,
+            body_visibilities(
+                &[turned],
+                &[Sector {
+                    centre: 0.1,
+                    width: 1.0
+                }]
+            )[0]
+            .visible_fraction,
             0.0
         );
         let corner = body_visibilities(&[turned], &[])[0].nearest_distance;

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::change::Change;
 use super::measurements::{MeasuredKeyframe, thin_out};
-use super::variant::Variant;
+use super::variant::SetupVariant;
 use crate::paths;
 use crate::setup::Setup;
 
@@ -29,7 +29,7 @@ pub(super) struct Improvement {
     /// The change.
     pub(super) change: Change,
     /// The set-up with it.
-    pub(super) after: Variant,
+    pub(super) after: SetupVariant,
     /// Its explanation.
     pub(super) explanation: Explanation,
     /// Gain over the set-up without it.
@@ -44,7 +44,7 @@ pub(super) struct Assessment {
     /// Changes in the order in which they are to be made, each with equally good ones behind it.
     pub(super) improvements: Vec<Vec<Improvement>>,
     /// The configured field explains the points no better than an arbitrary one.
-    pub(super) arbitrary: bool,
+    pub(super) fits_no_better_than_random: bool,
 }
 
 /// Most changes on top of each other.
@@ -90,29 +90,33 @@ pub(super) fn assess(
         measured,
         config,
     };
-    let mut variant = Variant::configured(setup);
+    let mut variant = SetupVariant::configured(setup);
     let Some(configured) = trial.explain(&variant, measured) else {
         return Assessment::default();
     };
     let mut explanation = configured.clone();
     let mut improvements: Vec<Vec<Improvement>> = Vec::new();
-    let mut arbitrary = false;
+    let mut no_better_than_random = false;
     while improvements.len() < CHANGES_MAX {
         let (found, no_better) = trial.improve(&variant, &explanation, effort);
-        arbitrary |= no_better && improvements.is_empty();
+        no_better_than_random |= no_better && improvements.is_empty();
         let Some(best) = found.first() else { break };
         (variant, explanation) = (best.after.clone(), best.explanation.clone());
         improvements.push(found);
     }
     Assessment {
-        arbitrary: arbitrary && improvements.is_empty(),
+        fits_no_better_than_random: no_better_than_random && improvements.is_empty(),
         configured,
         improvements,
     }
 }
 
 impl Trial<'_> {
-    fn explain(&self, variant: &Variant, measured: &[MeasuredKeyframe]) -> Option<Explanation> {
+    fn explain(
+        &self,
+        variant: &SetupVariant,
+        measured: &[MeasuredKeyframe],
+    ) -> Option<Explanation> {
         let field = Field::new(variant.field.clone()).ok()?;
         let mut tables = FieldTables::new(&field, &self.config);
         Some(explain(&mut tables, &variant.apply(self.setup, measured)))
@@ -122,7 +126,7 @@ impl Trial<'_> {
     /// arbitrary fields.
     fn improve(
         &self,
-        variant: &Variant,
+        variant: &SetupVariant,
         now: &Explanation,
         effort: Effort,
     ) -> (Vec<Improvement>, bool) {
@@ -133,10 +137,10 @@ impl Trial<'_> {
         let mut changes = Vec::new();
         if full || !sensors_fine {
             changes.extend(mounts());
-            changes.extend((1..4).map(Change::CompassTurn));
+            changes.extend((1..4).map(Change::CompassQuarterTurns));
         }
         if full || !sensors_fine || self.turns_are_fast() {
-            changes.extend([Change::CompassDegrees, Change::TurnDegrees]);
+            changes.extend([Change::CompassInDegrees, Change::OdometryRotationInDegrees]);
         }
         // Cheap, since the poses are known: a shifted centre takes points off the markings, too.
         let mut found: Vec<(Change, Improvement)> =
@@ -182,7 +186,7 @@ impl Trial<'_> {
 
     fn evaluate(
         &self,
-        variant: &Variant,
+        variant: &SetupVariant,
         now: &Explanation,
         changes: Vec<Change>,
     ) -> Vec<(Change, Improvement)> {
@@ -204,7 +208,7 @@ impl Trial<'_> {
     }
 
     /// The best length and the best width, each alone, then each on top of the other.
-    fn search_size(&self, variant: &Variant, now: &Explanation) -> Vec<(Change, Improvement)> {
+    fn search_size(&self, variant: &SetupVariant, now: &Explanation) -> Vec<(Change, Improvement)> {
         let stride = self.measured.len().div_ceil(SCAN_KEYFRAMES).max(1);
         let subset = thin_out(self.measured, stride);
         let changes = [true, false].map(|along| self.best_size(variant, &subset, along));
@@ -221,7 +225,7 @@ impl Trial<'_> {
 
     fn best_size(
         &self,
-        variant: &Variant,
+        variant: &SetupVariant,
         subset: &[MeasuredKeyframe],
         along: bool,
     ) -> Option<Change> {
@@ -261,7 +265,11 @@ impl Trial<'_> {
     }
 
     /// The best centre of the mirror in the image, by steps to the neighbours. None for points without pixels.
-    fn search_centre(&self, variant: &Variant, now: &Explanation) -> Option<(Change, Improvement)> {
+    fn search_centre(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+    ) -> Option<(Change, Improvement)> {
         if self
             .measured
             .iter()
@@ -272,7 +280,7 @@ impl Trial<'_> {
         let field = Field::new(variant.field.clone()).ok()?;
         let mut tables = FieldTables::new(&field, &self.config);
         let mut explain_at = |centre_shift: [f32; 2]| {
-            let after = Variant {
+            let after = SetupVariant {
                 centre_shift,
                 ..variant.clone()
             };
@@ -329,7 +337,7 @@ fn mounts() -> impl Iterator<Item = Change> {
 }
 
 /// The fields of config/fields that differ from the variant's.
-fn shipped_fields(variant: &Variant) -> Vec<Change> {
+fn shipped_fields(variant: &SetupVariant) -> Vec<Change> {
     let Ok(folder) = paths::find_resource("config/fields") else {
         return Vec::new();
     };

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use localize::field::FieldConfig;
 
-use super::variant::Variant;
+use super::variant::SetupVariant;
 use crate::setup::Setup;
 
 /// One change of a set-up.
@@ -25,18 +25,18 @@ pub(super) enum Change {
         mirrored: bool,
     },
     /// The compass turned by quarters.
-    CompassTurn(u8),
+    CompassQuarterTurns(u8),
     /// Headings in degrees.
-    CompassDegrees,
+    CompassInDegrees,
     /// Turns in degrees.
-    TurnDegrees,
+    OdometryRotationInDegrees,
     /// The mirror's centre in the image shifted, pixels.
     Centre([f32; 2]),
 }
 
 impl Change {
     /// The variant after this change.
-    pub(super) fn apply(&self, variant: &Variant) -> Variant {
+    pub(super) fn apply(&self, variant: &SetupVariant) -> SetupVariant {
         let mut changed = variant.clone();
         match self {
             Change::Field(_, field) => changed.field = (**field).clone(),
@@ -52,18 +52,18 @@ impl Change {
                 changed.quarter_turns = (variant.quarter_turns + own) % 4;
                 changed.mirrored ^= mirrored;
             }
-            Change::CompassTurn(quarters) => {
+            Change::CompassQuarterTurns(quarters) => {
                 changed.compass_turn += f32::from(*quarters) * FRAC_PI_2;
             }
-            Change::CompassDegrees => changed.compass_factor = 1.0_f32.to_radians(),
-            Change::TurnDegrees => changed.turn_factor = 1.0_f32.to_radians(),
+            Change::CompassInDegrees => changed.compass_unit_scale = 1.0_f32.to_radians(),
+            Change::OdometryRotationInDegrees => changed.rotation_unit_scale = 1.0_f32.to_radians(),
             Change::Centre(shift) => changed.centre_shift = *shift,
         }
         changed
     }
 
     /// The edit to make; `after`: the variant with the change.
-    pub(super) fn text(&self, setup: &Setup, after: &Variant) -> String {
+    pub(super) fn text(&self, setup: &Setup, after: &SetupVariant) -> String {
         match self {
             Change::Field(path, _) => {
                 format!("robot.toml: field = {:?}", path.display().to_string())
@@ -77,17 +77,17 @@ impl Change {
                 setup.field.config.width
             ),
             Change::Mount { quarters, mirrored } => mount_text(setup, after, *quarters, *mirrored),
-            Change::CompassTurn(quarters) => {
+            Change::CompassQuarterTurns(quarters) => {
                 let degrees = 90 * u16::from(*quarters);
                 format!(
                     "compass.csv: turn heading_rad by {degrees} degrees (the compass is mounted so)"
                 )
             }
-            Change::CompassDegrees => {
+            Change::CompassInDegrees => {
                 "compass.csv: convert heading_rad from degrees to radians (divide by 57.29578)"
                     .to_owned()
             }
-            Change::TurnDegrees => {
+            Change::OdometryRotationInDegrees => {
                 "odometry.csv: convert dtheta_rad from degrees to radians (divide by 57.29578)"
                     .to_owned()
             }
@@ -114,15 +114,15 @@ impl Change {
             Change::Width(_) => "the field's width is wrong",
             Change::Mount { mirrored: true, .. } => "left and right of the image are exchanged",
             Change::Mount { .. } => "the camera's forward direction is wrong",
-            Change::CompassTurn(_) => "the compass is turned",
-            Change::CompassDegrees => "the compass's headings are in degrees",
-            Change::TurnDegrees => "the odometry's turns are in degrees",
+            Change::CompassQuarterTurns(_) => "the compass is turned",
+            Change::CompassInDegrees => "the compass's headings are in degrees",
+            Change::OdometryRotationInDegrees => "the odometry's turns are in degrees",
             Change::Centre(_) => "the mirror's centre in the image is wrong",
         }
     }
 }
 
-fn mount_text(setup: &Setup, after: &Variant, quarters: u8, mirrored: bool) -> String {
+fn mount_text(setup: &Setup, after: &SetupVariant, quarters: u8, mirrored: bool) -> String {
     match (&setup.camera, setup.is_calibrated()) {
         (Some((camera, _)), false) => {
             let changed = after.camera(camera);

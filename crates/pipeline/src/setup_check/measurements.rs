@@ -75,7 +75,7 @@ pub(super) fn measure(
             compass: entry.compass,
             ..MeasuredKeyframe::default()
         };
-        match &recording.events()[entry.index].data {
+        match &recording.remaining_samples()[entry.index].data {
             RecordedData::Points(points) => keyframe.points.clone_from(points),
             RecordedData::Image(path) => {
                 let (Some(vision), Ok(image)) = (&mut vision, Image::load(path)) else {
@@ -105,12 +105,12 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
     let mut last_odometry: Option<Stamp> = None;
     let mut connected = false;
     let mut compass: Vec<(Stamp, f32)> = Vec::new();
-    for event in recording.events() {
+    for event in recording.remaining_samples() {
         if let RecordedData::Compass(reading) = &event.data {
             compass.push((event.stamp, reading.heading));
         }
     }
-    for (index, event) in recording.events().iter().enumerate() {
+    for (index, event) in recording.remaining_samples().iter().enumerate() {
         match &event.data {
             RecordedData::Odometry(odometry) => {
                 connected &=
@@ -140,7 +140,7 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
                 rows.clear();
                 connected = true;
             }
-            RecordedData::Compass(_) | RecordedData::Truth(_) => {}
+            RecordedData::Compass(_) | RecordedData::Imu(_) | RecordedData::Truth(_) => {}
         }
     }
     entries

@@ -95,7 +95,7 @@ pub struct SetupReport {
     pub suggestions: Vec<Suggestion>,
     /// Covariance that the poses of this set-up have at least.
     #[serde(skip)]
-    pub doubt: Option<Matrix3<f32>>,
+    pub added_pose_covariance: Option<Matrix3<f32>>,
     /// Tables in a wrong unit, which are left out.
     #[serde(skip)]
     pub unusable: Vec<Table>,
@@ -190,19 +190,19 @@ pub fn check(
         ));
         before = &best.explanation;
     }
-    if assessment.arbitrary {
+    if assessment.fits_no_better_than_random {
         report.warnings.push(format!(
             "the line points fit this field no better than other fields ({:.0} % on markings): check the field file, and the map or mirror profile",
             100.0 * configured.on_markings()
         ));
     }
-    report.doubt = doubt(setup, &assessment);
+    report.added_pose_covariance = added_pose_covariance(setup, &assessment);
     let named = |change: fn(&Change) -> bool| {
         let all = assessment.improvements.iter().flatten();
         all.clone().any(|improvement| change(&improvement.change))
     };
-    let compass = named(|change| *change == Change::CompassDegrees);
-    let turns = named(|change| *change == Change::TurnDegrees);
+    let compass = named(|change| *change == Change::CompassInDegrees);
+    let turns = named(|change| *change == Change::OdometryRotationInDegrees);
     if compass {
         report.unusable.push(Table::Compass);
         ranges.retain(|finding| finding.table != Table::Compass);
@@ -229,12 +229,12 @@ fn figures(explanation: &Explanation) -> FitFigures {
 }
 
 /// How uncertain poses of the configured set-up are, if another one is better.
-fn doubt(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
+fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
     let (half_x, half_y) = setup.field.carpet_half_extent();
     let turn = std::f32::consts::PI;
     let unknown = Vector3::new(half_x * half_x, half_y * half_y, turn * turn) / 3.0;
     let unknown = Matrix3::from_diagonal(&unknown);
-    if assessment.arbitrary {
+    if assessment.fits_no_better_than_random {
         return Some(unknown);
     }
     let changes = assessment
@@ -246,15 +246,17 @@ fn doubt(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
             !matches!(
                 found.change,
                 // Without the table in the wrong unit the poses are right.
-                Change::CompassDegrees | Change::TurnDegrees
+                Change::CompassInDegrees | Change::OdometryRotationInDegrees
             )
         })
         .collect();
     let last = doubtful.last()?;
-    if doubtful
-        .iter()
-        .any(|found| matches!(found.change, Change::Mount { .. } | Change::CompassTurn(_)))
-    {
+    if doubtful.iter().any(|found| {
+        matches!(
+            found.change,
+            Change::Mount { .. } | Change::CompassQuarterTurns(_)
+        )
+    }) {
         return Some(unknown);
     }
     // Mean square difference of the poses under both set-ups, the half turn aside.

@@ -30,7 +30,7 @@ pub struct RangeFinding {
 /// The units that the tables betray.
 pub(super) fn check_ranges(recording: &Recording) -> Vec<RangeFinding> {
     let mut tables = Tables::default();
-    for event in recording.events() {
+    for event in recording.remaining_samples() {
         match &event.data {
             RecordedData::Odometry(odometry) => {
                 tables.odometry.push((event.stamp, odometry.dtheta));
@@ -41,7 +41,7 @@ pub(super) fn check_ranges(recording: &Recording) -> Vec<RangeFinding> {
                 tables.from_points = true;
                 tables.images.push(event.stamp);
             }
-            RecordedData::Truth(_) => {}
+            RecordedData::Imu(_) | RecordedData::Truth(_) => {}
         }
     }
     let checks = [

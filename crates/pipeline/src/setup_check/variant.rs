@@ -11,7 +11,7 @@ use crate::setup::Setup;
 
 /// A set-up that differs from the configured one.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Variant {
+pub(super) struct SetupVariant {
     /// The field.
     pub(super) field: FieldConfig,
     /// The robot's left and right exchanged.
@@ -23,22 +23,22 @@ pub(super) struct Variant {
     /// Turn of the compass, radians, and its sense of rotation.
     pub(super) compass_turn: f32,
     /// Factor of the compass's readings: 1, or degrees to radians.
-    pub(super) compass_factor: f32,
+    pub(super) compass_unit_scale: f32,
     /// Factor of the wheels' turns: 1, or degrees to radians.
-    pub(super) turn_factor: f32,
+    pub(super) rotation_unit_scale: f32,
 }
 
-impl Variant {
+impl SetupVariant {
     /// The configured set-up.
     pub(super) fn configured(setup: &Setup) -> Self {
-        Variant {
+        SetupVariant {
             field: setup.field.config.clone(),
             mirrored: false,
             quarter_turns: 0,
             centre_shift: [0.0; 2],
             compass_turn: 0.0,
-            compass_factor: 1.0,
-            turn_factor: 1.0,
+            compass_unit_scale: 1.0,
+            rotation_unit_scale: 1.0,
         }
     }
 
@@ -52,12 +52,12 @@ impl Variant {
                 motion: measured.odometry.as_ref().map(|rows| {
                     let scaled = rows
                         .iter()
-                        .map(|&[dx, dy, turn]| [dx, dy, turn * self.turn_factor]);
+                        .map(|&[dx, dy, turn]| [dx, dy, turn * self.rotation_unit_scale]);
                     WheelMotion::from_increments(&scaled.collect::<Vec<_>>())
                 }),
                 compass: measured
                     .compass
-                    .map(|heading| heading * self.compass_factor + self.compass_turn),
+                    .map(|heading| heading * self.compass_unit_scale + self.compass_turn),
             })
             .collect()
     }

@@ -3,7 +3,7 @@
 //! Dynamics, wheels, inertial unit and compass are simulated. Line points are sampled at the true pose
 //! (`localize::synthetic::drive`), since images would add vision's own errors. A seed determines the table.
 
-mod course;
+mod disturbance;
 mod recording;
 mod score;
 
@@ -12,7 +12,7 @@ use localize::config::LocalizeConfig;
 use localize::filter::FilterKind;
 use localize::robot::RobotConfig;
 
-pub use course::{Course, Estimator};
+pub use disturbance::{Disturbance, Estimator};
 pub use score::FusionScore;
 
 use crate::simulation::SimError;
@@ -22,15 +22,15 @@ use score::{ScoreSums, run_dead_reckoning, run_localizer};
 /// Seeds, durations and settings of the experiment.
 #[derive(Debug, Clone)]
 pub struct FusionExperiment {
-    /// Seeds of each course.
+    /// Seeds of each disturbance.
     pub seeds: std::ops::Range<u64>,
     /// Duration of a drive, seconds.
     pub duration: f64,
     /// Courses to drive.
-    pub disturbances: Vec<Course>,
+    pub disturbances: Vec<Disturbance>,
     /// Estimators to score.
     pub estimators: Vec<Estimator>,
-    /// Settings of localisation; estimator and course override some.
+    /// Settings of localisation; estimator and disturbance override some.
     pub localize: LocalizeConfig,
 }
 
@@ -39,7 +39,7 @@ impl Default for FusionExperiment {
         FusionExperiment {
             seeds: 0..3,
             duration: 90.0,
-            disturbances: Course::ALL.to_vec(),
+            disturbances: Disturbance::ALL.to_vec(),
             estimators: Estimator::ALL.to_vec(),
             localize: LocalizeConfig::default(),
         }
@@ -47,21 +47,21 @@ impl Default for FusionExperiment {
 }
 
 impl FusionExperiment {
-    /// Drives every course with every seed and scores every estimator on the same samples.
+    /// Drives every disturbance with every seed and scores every estimator on the same samples.
     ///
     /// `robot` needs a camera and a mirror, as in any simulation.
     pub fn run(&self, robot: &RobotConfig, field: &Field) -> Result<Vec<FusionScore>, SimError> {
         let mut rows = Vec::new();
-        for &course in &self.disturbances {
+        for &disturbance in &self.disturbances {
             let mut scores = vec![ScoreSums::default(); self.estimators.len()];
             for seed in self.seeds.clone() {
-                let drive = record_drive(course, seed, self.duration, robot, field)?;
+                let drive = record_drive(disturbance, seed, self.duration, robot, field)?;
                 for (sums, &estimator) in scores.iter_mut().zip(&self.estimators) {
-                    self.score_estimator(course, estimator, &drive, field, sums);
+                    self.score_estimator(disturbance, estimator, &drive, field, sums);
                 }
             }
             for (sums, &estimator) in scores.iter().zip(&self.estimators) {
-                rows.push(sums.score(course, estimator));
+                rows.push(sums.score(disturbance, estimator));
             }
         }
         Ok(rows)
@@ -69,7 +69,7 @@ impl FusionExperiment {
 
     fn score_estimator(
         &self,
-        course: Course,
+        disturbance: Disturbance,
         estimator: Estimator,
         drive: &RecordedDrive,
         field: &Field,
@@ -89,9 +89,9 @@ impl FusionExperiment {
             },
             _ => self.localize.clone(),
         };
-        match course {
-            Course::Late => config.filter.camera_latency = recording::LATENCY,
-            Course::UnknownLatency => config.filter.camera_latency_std = 0.05,
+        match disturbance {
+            Disturbance::Late => config.filter.camera_latency = recording::LATENCY,
+            Disturbance::UnknownLatency => config.filter.camera_latency_std = 0.05,
             _ => {}
         }
         run_localizer(estimator, config, drive, field, sums);
@@ -115,7 +115,7 @@ mod tests {
         let experiment = FusionExperiment {
             seeds: 1..2,
             duration: 20.0,
-            disturbances: vec![Course::Hits, Course::Blind],
+            disturbances: vec![Disturbance::Hits, Disturbance::Blind],
             estimators: vec![
                 Estimator::Joint,
                 Estimator::Decentralised,
@@ -125,12 +125,12 @@ mod tests {
             ..FusionExperiment::default()
         };
         let rows = run(&experiment);
-        for course in rows.chunks(experiment.estimators.len()) {
-            let joint = &course[0];
+        for disturbance in rows.chunks(experiment.estimators.len()) {
+            let joint = &disturbance[0];
             assert!(joint.position < 0.015, "{joint:?}");
             assert!(joint.heading_deg < 0.3 && joint.searched == 0, "{joint:?}");
             assert!(joint.blind.is_none_or(|blind| blind < 0.05), "{joint:?}");
-            for other in &course[1..] {
+            for other in &disturbance[1..] {
                 assert!(joint.position < other.position, "{joint:?}\n{other:?}");
             }
         }
@@ -142,7 +142,7 @@ mod tests {
         let rows = run(&FusionExperiment {
             seeds: 2..4,
             duration: 33.0,
-            disturbances: vec![Course::All],
+            disturbances: vec![Disturbance::All],
             estimators: vec![Estimator::Joint, Estimator::NoImu],
             ..FusionExperiment::default()
         });
@@ -160,7 +160,7 @@ mod tests {
         let rows = run(&FusionExperiment {
             seeds: 2..3,
             duration: 30.0,
-            disturbances: vec![Course::UnknownLatency],
+            disturbances: vec![Disturbance::UnknownLatency],
             estimators: vec![Estimator::Joint],
             ..FusionExperiment::default()
         });

@@ -1,4 +1,4 @@
-//! What do the sensors measure on a course? A simulated drive without images, with line points sampled at true poses.
+//! What do the sensors measure on a disturbance? A simulated drive without images, with line points sampled at true poses.
 
 use localize::frames::{At, Pose, wrap_angle};
 use localize::random::standard_normal;
@@ -11,11 +11,11 @@ use localize::{Field, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::course::Course;
+use super::disturbance::Disturbance;
 use crate::scenario::{PathConfig, Placement, Push, Scenario};
-use crate::simulation::{Sim, SimError, SimSample};
+use crate::simulation::{SimError, SimSample, Simulator};
 
-/// Latency from exposure to stamp on the late courses, seconds.
+/// Latency from exposure to stamp with late images, seconds.
 pub(super) const LATENCY: f32 = 0.08;
 /// Real radius of the wheels over the configured one: odometry overestimates by 3 %.
 pub(super) const RADIUS_SCALE: f32 = 1.0 / 1.03;
@@ -70,9 +70,9 @@ struct TruthState {
     velocity: [f32; 2],
 }
 
-/// Simulates a drive on a course and records its measurements.
+/// Simulates a drive on a disturbance and records its measurements.
 pub(super) fn record_drive(
-    course: Course,
+    disturbance: Disturbance,
     seed: u64,
     duration: f64,
     robot: &RobotConfig,
@@ -80,9 +80,9 @@ pub(super) fn record_drive(
 ) -> Result<RecordedDrive, SimError> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(77);
-    let scenario = scenario(course, seed, duration, field, &mut rng);
+    let scenario = scenario(disturbance, seed, duration, field, &mut rng);
     let mut robot = robot.clone();
-    if matches!(course, Course::Slip | Course::All)
+    if matches!(disturbance, Disturbance::Slip | Disturbance::All)
         && let Some(base) = &mut robot.base
     {
         // 1.5 times what the traction on the carpet allows.
@@ -97,7 +97,7 @@ pub(super) fn record_drive(
         .collect();
     let mut truths = Vec::new();
     let mut inputs = Vec::new();
-    for sample in Sim::new(scenario, robot, field.clone())?.without_images() {
+    for sample in Simulator::new(scenario, robot, field.clone())?.without_images() {
         match sample {
             SimSample::Odometry(odometry) => inputs.push(SensorInput::Odometry(odometry)),
             SimSample::Imu(imu) => inputs.push(SensorInput::Imu(imu)),
@@ -111,8 +111,8 @@ pub(super) fn record_drive(
             SimSample::Image(_) => {}
         }
     }
-    let tilt = add_tilt(course, &mut inputs, &mut rng);
-    let frames = frames(course, &truths, &tilt, field, &mut rng);
+    let tilt = add_tilt(disturbance, &mut inputs, &mut rng);
+    let frames = frames(disturbance, &truths, &tilt, field, &mut rng);
     inputs.extend(frames.into_iter().map(SensorInput::Points));
     inputs.sort_by_key(|input| (input.stamp(), input.priority()));
     Ok(RecordedDrive {
@@ -146,7 +146,7 @@ impl SensorInput {
 }
 
 fn scenario(
-    course: Course,
+    disturbance: Disturbance,
     seed: u64,
     duration: f64,
     field: &Field,
@@ -160,8 +160,8 @@ fn scenario(
     };
     let start = place();
     let waypoints = (0..40).map(|_| place()).collect();
-    let fast = matches!(course, Course::Late | Course::UnknownLatency);
-    let pushes = if matches!(course, Course::Hits | Course::All) {
+    let fast = matches!(disturbance, Disturbance::Late | Disturbance::UnknownLatency);
+    let pushes = if matches!(disturbance, Disturbance::Hits | Disturbance::All) {
         let count = (duration / 5.0) as usize;
         (0..count)
             .map(|k| {
@@ -196,8 +196,8 @@ fn scenario(
         squad: Vec::new(),
         radio: Default::default(),
         wheels: crate::scenario::WheelConfig {
-            radius_scale: match course {
-                Course::UnequalWheels | Course::All => UNEQUAL_RADIUS_SCALES.to_vec(),
+            radius_scale: match disturbance {
+                Disturbance::UnequalWheels | Disturbance::All => UNEQUAL_RADIUS_SCALES.to_vec(),
                 _ => vec![RADIUS_SCALE],
             },
             ..Default::default()
@@ -208,7 +208,7 @@ fn scenario(
         light: Default::default(),
         hall: Default::default(),
         people: Default::default(),
-        // Tilts of the course are added to the samples, of the same size for each speed.
+        // Tilts of the disturbance are added to the samples, of the same size for each speed.
         rocking: crate::rocking::RockingConfig::upright(),
         kidnaps: Vec::new(),
         knocks: Vec::new(),
@@ -234,11 +234,11 @@ fn shrink_camera(robot: &mut RobotConfig) {
 
 /// Adds a random tilt to the IMU readings and returns the tilt at each of them.
 fn add_tilt(
-    course: Course,
+    disturbance: Disturbance,
     inputs: &mut [SensorInput],
     rng: &mut ChaCha8Rng,
 ) -> Vec<(Stamp, [f32; 2])> {
-    if !matches!(course, Course::Lean | Course::All) {
+    if !matches!(disturbance, Disturbance::Lean | Disturbance::All) {
         return Vec::new();
     }
     let mut tilts = Vec::new();
@@ -272,14 +272,17 @@ fn add_tilt(
 }
 
 fn frames(
-    course: Course,
+    disturbance: Disturbance,
     truths: &[TruthState],
     tilt: &[(Stamp, [f32; 2])],
     field: &Field,
     rng: &mut ChaCha8Rng,
 ) -> Vec<PointObservation> {
-    let late = matches!(course, Course::Late | Course::UnknownLatency);
-    let loses_vision = matches!(course, Course::Blind | Course::UnequalWheels | Course::All);
+    let late = matches!(disturbance, Disturbance::Late | Disturbance::UnknownLatency);
+    let loses_vision = matches!(
+        disturbance,
+        Disturbance::Blind | Disturbance::UnequalWheels | Disturbance::All
+    );
     let sensing = SyntheticDriveConfig::default();
     let height = localize::matching::MatchConfig::default().viewpoint_height;
     let is_lost_at = |seconds: f64| {

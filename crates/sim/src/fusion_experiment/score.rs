@@ -6,7 +6,7 @@ use localize::frames::Pose;
 use localize::{Field, Localizer, Stamp, Tf};
 use serde::Serialize;
 
-use super::course::{Course, Estimator};
+use super::disturbance::{Disturbance, Estimator};
 use super::recording::{PointObservation, RADIUS_SCALE, RecordedDrive, SensorInput};
 
 /// Start of scoring, seconds: excludes the first search and the initial adaptation.
@@ -20,7 +20,8 @@ const CHI_SQUARED_BAND: [f32; 2] = [0.216, 9.348];
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FusionScore {
     /// Disturbances of the drive.
-    pub course: Course,
+    #[serde(rename = "course")]
+    pub disturbance: Disturbance,
     /// The estimator.
     pub estimator: Estimator,
     /// Scored images with line points (from two seconds after the start).
@@ -53,7 +54,7 @@ pub struct FusionScore {
     pub latency: f32,
 }
 
-/// Sums of one estimator on one course.
+/// Sums of one estimator on one disturbance.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ScoreSums {
     count: usize,
@@ -118,12 +119,12 @@ impl ScoreSums {
         }
     }
 
-    pub(super) fn score(&self, course: Course, estimator: Estimator) -> FusionScore {
+    pub(super) fn score(&self, disturbance: Disturbance, estimator: Estimator) -> FusionScore {
         let mean = |sum: f64, count: usize| (sum / count.max(1) as f64) as f32;
         let average =
             |all: &[f32]| (!all.is_empty()).then(|| all.iter().sum::<f32>() / all.len() as f32);
         FusionScore {
-            course,
+            disturbance,
             estimator,
             frames: self.count,
             position: mean(self.position, self.count),

@@ -7,7 +7,7 @@ use super::environment::Environment;
 use super::light_buffer::LightBuffer;
 use super::moving_rays::MovedRays;
 use super::rays::{RayRange, SortedRays, Tile};
-use super::scene::Scene;
+use super::scene::{Scene, SceneBall};
 use super::solids::{
     DrawContext, LightDirection, Outline, Panel, Primitive, Shadow, Solid, Sphere, Underbody,
 };
@@ -73,7 +73,12 @@ impl DrawList {
         for person in scene.people {
             builder.add_person(person);
         }
-        if let Some((at, diameter, colour)) = scene.ball {
+        if let Some(SceneBall {
+            at,
+            diameter,
+            colour,
+        }) = scene.ball
+        {
             builder.add_ball(at.x, at.y, diameter / 2.0, linear(colour));
         }
         let mut draw_list = builder.list;

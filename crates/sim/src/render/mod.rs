@@ -25,14 +25,15 @@ use vision::{Mount, Profile};
 
 pub use row_transform::CameraMotion;
 pub(crate) use row_transform::level_from_body;
-pub use scene::Scene;
+pub use scene::{Scene, SceneBall};
 
 use crate::hall::HallConfig;
 use crate::image_sensor::{
-    FilmConfig, ImageSensor, JpegCompression, Pcg, Raw, SiteGains, TONES, demosaic_row,
+    ImageSensor, ImageSensorConfig, JpegCompression, Pcg, Raw, SiteGains, TONES, demosaic_row,
     site_colours,
 };
 use crate::light::LightConfig;
+use crate::sector::Sector;
 use draw_list::DrawList;
 use environment::Environment;
 use ground::{Ground, Scratch};
@@ -62,7 +63,7 @@ pub struct RendererConfig<'a> {
     /// Floor, windows and cables.
     pub hall: &'a HallConfig,
     /// The camera; its blur and defocus are those of all images.
-    pub film: &'a FilmConfig,
+    pub film: &'a ImageSensorConfig,
     /// Seed of environment, clutter and noise.
     pub seed: u64,
 }
@@ -84,8 +85,8 @@ pub struct Renderer {
     light_buffer: LightBuffer,
     moved: MovedRays,
     scratch: Scratch,
-    /// Linear light of one tile, one plane per colour.
-    tile_tones: [Vec<u16>; 3],
+    /// Linear light of one tile, by ray.
+    tile_light: Vec<LightPixel>,
     /// Linear light of the scene, and smeared by motion.
     sharp: Vec<LightPixel>,
     blurred: Vec<LightPixel>,
@@ -129,7 +130,7 @@ impl Renderer {
             light_buffer: LightBuffer::new(rays_max),
             moved: MovedRays::new(rays_max),
             scratch: Scratch::new(),
-            tile_tones: [0; 3].map(|_| vec![0; rays_max]),
+            tile_light: vec![[0; 4]; rays_max],
             sharp: vec![[red, green, blue, 0]; width_px * height_px],
             blurred: Vec::new(),
             development: Development::new(width_px, height_px, &mut rng),
@@ -145,7 +146,7 @@ impl Renderer {
     }
 
     /// Renders into `rgb`: three bytes per pixel, row by row.
-    pub fn render(&mut self, scene: &Scene, film: &FilmConfig, rgb: &mut Vec<u8>) {
+    pub fn render(&mut self, scene: &Scene, film: &ImageSensorConfig, rgb: &mut Vec<u8>) {
         rgb.resize(3 * self.width_px * self.height_px, 0);
         let (pixels, _) = rgb.as_chunks_mut::<3>();
         self.draw_scene(scene);
@@ -162,8 +163,8 @@ impl Renderer {
             &mut self.sharp
         };
         self.own.draw(image);
-        for &(middle, width) in scene.occlusions {
-            draw_occlusion(middle, width, &self.rays, image);
+        for sector in scene.occluded_sectors {
+            draw_occlusion(sector, &self.rays, image);
         }
         self.development
             .develop(film, scene.light_colour, image, pixels);
@@ -194,17 +195,14 @@ impl Renderer {
             self.environment
                 .shade(scene.pose, rays, tile, moved, light_buffer);
             draw_list.draw(rays, tile, moved, light_buffer);
-            let planes = light_buffer.planes(&tile.rays);
-            for (tile_tones, plane) in self.tile_tones.iter_mut().zip(planes) {
-                for (tone, light) in tile_tones.iter_mut().zip(plane.iter()) {
-                    *tone = tones(*light);
-                }
+            let [red, green, blue] = light_buffer.planes(&tile.rays);
+            let planes = red.iter().zip(green).zip(blue);
+            for (pixel, ((red, green), blue)) in self.tile_light.iter_mut().zip(planes) {
+                *pixel = [tones(*red), tones(*green), tones(*blue), 0];
             }
-            let [red, green, blue] = self.tile_tones.each_ref().map(|plane| &plane[..]);
-            // In the order of the image, so that writes are sequential.
+            // In the order of the image, so that writes are sequential; one write a pixel, since they miss the cache.
             for &(pixel, ray) in &tile.by_pixel {
-                let ray = ray as usize;
-                self.sharp[pixel as usize] = [red[ray], green[ray], blue[ray], 0];
+                self.sharp[pixel as usize] = self.tile_light[ray as usize];
             }
         }
     }
@@ -262,7 +260,7 @@ impl Development {
 
     fn develop(
         &mut self,
-        film: &FilmConfig,
+        film: &ImageSensorConfig,
         light_colour: [f32; 3],
         image: &[LightPixel],
         pixels: &mut [[u8; 3]],
@@ -319,7 +317,7 @@ impl Development {
     }
 
     /// Vignetting of a row.
-    fn set_scale(&mut self, film: &FilmConfig, row: usize) {
+    fn set_scale(&mut self, film: &ImageSensorConfig, row: usize) {
         let [columns, rows] = &self.falloff;
         for (scale, column) in self.scale_row.iter_mut().zip(columns) {
             *scale = 1.0 - film.vignetting * (column + rows[row]);
@@ -329,7 +327,7 @@ impl Development {
     /// Light on a row of pixels that measure `colours` in even and odd columns.
     fn set_light(
         &mut self,
-        film: &FilmConfig,
+        film: &ImageSensorConfig,
         scattered: bool,
         row: usize,
         light: &[LightPixel],
@@ -376,12 +374,12 @@ fn extract_colours<const EVEN: usize, const ODD: usize>(
     }
 }
 
-/// Blackens a sector: centre and full width, radians, robot frame.
-fn draw_occlusion(middle: f32, width: f32, rays: &SortedRays, image: &mut [LightPixel]) {
+/// Blackens a sector.
+fn draw_occlusion(&Sector { centre, width }: &Sector, rays: &SortedRays, image: &mut [LightPixel]) {
     let inside = (width / 2.0).min(std::f32::consts::PI).cos();
-    let (sin, cos) = middle.sin_cos();
+    let (sin, cos) = centre.sin_cos();
     let [red, green, blue] = HOOD.map(tones);
-    let range = rays.range_of_sector(middle - width / 2.0, middle + width / 2.0);
+    let range = rays.range_of_sector(centre - width / 2.0, centre + width / 2.0);
     for tile in &rays.tiles {
         for ray in rays.runs_in(&range, tile).flatten() {
             if cos * rays.direction_x[ray] + sin * rays.direction_y[ray] >= inside {

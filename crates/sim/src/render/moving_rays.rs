@@ -49,19 +49,20 @@ impl MovedRays {
         ground: [&[f32]; 2],
     ) {
         self.first = tile.rays.start;
+        let rolls = transform.rotation[1].iter().any(|&change| change != 0.0);
         for start in tile.rays.clone().step_by(LANES) {
-            self.move_run(
-                rays,
-                start..(start + LANES).min(tile.rays.end),
-                transform,
-                ground,
-            );
+            let run = start..(start + LANES).min(tile.rays.end);
+            if rolls {
+                self.move_run::<true>(rays, run, transform, ground);
+            } else {
+                self.move_run::<false>(rays, run, transform, ground);
+            }
         }
     }
 
     /// Moves at most `LANES` rays. The results are arrays of their own, so that the compiler need not rule out that they
-    /// overlap the inputs, and vectorises.
-    fn move_run(
+    /// overlap the inputs, and vectorises. `ROLLS`: the rotation differs from row to row.
+    fn move_run<const ROLLS: bool>(
         &mut self,
         rays: &SortedRays,
         run: Range<usize>,
@@ -82,7 +83,7 @@ impl MovedRays {
         let [vx, vy] = transform.shift;
         for i in 0..count {
             let t = rows[i];
-            let r: [f32; 9] = std::array::from_fn(|k| m[k] + t * n[k]);
+            let r: [f32; 9] = std::array::from_fn(|k| if ROLLS { m[k] + t * n[k] } else { m[k] });
             let (x, y, z) = (dx[i], dy[i], slopes[i]);
             let (px, py, pz) = (
                 r[0] * x + r[1] * y + r[2] * z,

@@ -5,7 +5,7 @@
 //! an image of `CELL` × `CELL` pixels per value, which halos exceed in width.
 
 use super::motion_blur::LightPixel;
-use crate::image_sensor::FilmConfig;
+use crate::image_sensor::ImageSensorConfig;
 
 /// Pixels per side of a value.
 const CELL: usize = 4;
@@ -28,7 +28,12 @@ pub(super) struct Scatter {
 
 impl Scatter {
     /// Computes the scattered light of an image.
-    pub(super) fn update(&mut self, light: &[LightPixel], width_px: usize, film: &FilmConfig) {
+    pub(super) fn update(
+        &mut self,
+        light: &[LightPixel],
+        width_px: usize,
+        film: &ImageSensorConfig,
+    ) {
         let height_px = light.len() / width_px.max(1);
         (self.columns, self.rows) = (width_px.div_ceil(CELL), height_px.div_ceil(CELL));
         self.values.resize(self.columns * self.rows, [0.0; 4]);
@@ -70,7 +75,7 @@ impl Scatter {
     }
 
     /// The image averaged over `GLARE_CELL` values, spread over a quarter of the image.
-    fn spread_glare(&mut self, film: &FilmConfig) {
+    fn spread_glare(&mut self, film: &ImageSensorConfig) {
         let (columns, rows) = (
             self.columns.div_ceil(GLARE_CELL),
             self.rows.div_ceil(GLARE_CELL),
@@ -95,7 +100,7 @@ impl Scatter {
     }
 
     /// Adds bloom and glare with their shares.
-    fn add_glare(&mut self, film: &FilmConfig) {
+    fn add_glare(&mut self, film: &ImageSensorConfig) {
         let columns = self.columns.div_ceil(GLARE_CELL);
         let last = self.coarse.len() / columns.max(1) - 1;
         let place = |index: usize, last: usize| {

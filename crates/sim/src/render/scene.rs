@@ -4,6 +4,7 @@ use localize::frames::{At, FieldFrame, Pose};
 
 use super::row_transform::CameraMotion;
 use crate::people::Person;
+use crate::sector::Sector;
 use crate::world::RobotState;
 
 /// Everything that changes from image to image. The default is an empty field under white light of level 1.
@@ -17,12 +18,23 @@ pub struct Scene<'a> {
     pub robots: &'a [RobotState],
     /// People on or beside the field.
     pub people: &'a [Person],
-    /// The ball: ground contact, diameter (metres) and colour (sRGB).
-    pub ball: Option<(At<FieldFrame>, f32, [u8; 3])>,
+    /// The ball.
+    pub ball: Option<SceneBall>,
     /// Red, green and blue light, relative to white light of level 1.
     pub light_colour: [f32; 3],
-    /// Black sectors: centre and full width, radians, robot frame.
-    pub occlusions: &'a [(f32, f32)],
+    /// Black sectors.
+    pub occluded_sectors: &'a [Sector],
+}
+
+/// A ball on the ground.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SceneBall {
+    /// Where it touches the ground.
+    pub at: At<FieldFrame>,
+    /// Diameter, metres.
+    pub diameter: f32,
+    /// sRGB.
+    pub colour: [u8; 3],
 }
 
 impl Default for Scene<'_> {
@@ -34,7 +46,7 @@ impl Default for Scene<'_> {
             people: &[],
             ball: None,
             light_colour: [1.0; 3],
-            occlusions: &[],
+            occluded_sectors: &[],
         }
     }
 }

@@ -11,7 +11,7 @@ use vision::RayTable;
 struct RenderFixture {
     renderer: Renderer,
     table: RayTable,
-    sensor_config: FilmConfig,
+    sensor_config: ImageSensorConfig,
 }
 
 /// A full-size camera on a field of 18 × 12 m, without vignetting and nearly without noise.
@@ -24,7 +24,7 @@ fn render_fixture(mount: Mount) -> RenderFixture {
         .and_then(|camera| camera.camera())
         .expect("a camera");
     let profile = Profile::load(&robot.mirror.expect("a mirror").profile).expect("a profile");
-    let sensor_config = FilmConfig::ideal();
+    let sensor_config = ImageSensorConfig::ideal();
     let renderer = Renderer::new(&RendererConfig {
         camera: &camera,
         profile: &profile,
@@ -48,11 +48,16 @@ fn render_fixture(mount: Mount) -> RenderFixture {
 }
 
 impl RenderFixture {
-    fn render(&mut self, pose: Pose, robots: &[RobotState], occlusions: &[(f32, f32)]) -> Vec<u8> {
+    fn render(
+        &mut self,
+        pose: Pose,
+        robots: &[RobotState],
+        occluded_sectors: &[Sector],
+    ) -> Vec<u8> {
         let scene = Scene {
             pose,
             robots,
-            occlusions,
+            occluded_sectors,
             ..Scene::default()
         };
         let mut rgb = Vec::new();
@@ -166,7 +171,7 @@ fn robot_changes_only_pixels_in_its_direction() {
     let other = RobotState {
         pose: Pose::new(2.0, 2.0, 0.0),
         velocity: [0.0; 2],
-        omega: 0.0,
+        yaw_rate: 0.0,
         team: TeamColour::Magenta,
     };
     // Both images have the same, very small noise.
@@ -196,7 +201,14 @@ fn occlusion_blackens_only_its_sector() {
     let mut fixture = render_fixture(Mount::default());
     let pose = Pose::new(0.0, 0.0, 0.0);
     let clear = fixture.render(pose, &[], &[]);
-    let covered = fixture.render(pose, &[], &[(1.0, 0.8)]);
+    let covered = fixture.render(
+        pose,
+        &[],
+        &[Sector {
+            centre: 1.0,
+            width: 0.8,
+        }],
+    );
     for (pixel, ray) in fixture.table.rays.iter().enumerate() {
         let Some(ray) = ray else { continue };
         let off =
@@ -367,15 +379,15 @@ fn motion_blur_smears_edges_across_the_flow() {
 #[test]
 fn scattered_light_brightens_the_dark_and_mosaic_noise_is_correlated() {
     let mut fixture = render_fixture(Mount::default());
-    let mut render = |film: FilmConfig| {
+    let mut render = |film: ImageSensorConfig| {
         let mut rgb = Vec::new();
         fixture.renderer.render(&Scene::default(), &film, &mut rgb);
         rgb
     };
-    let ideal = FilmConfig::ideal();
+    let ideal = ImageSensorConfig::ideal();
     let dark = |rgb: &[u8]| rgb[1];
     let clear = render(ideal);
-    let glare = render(FilmConfig {
+    let glare = render(ImageSensorConfig {
         glare: 0.2,
         bloom: 0.2,
         ..ideal
@@ -386,8 +398,8 @@ fn scattered_light_brightens_the_dark_and_mosaic_noise_is_correlated() {
         dark(&glare),
         dark(&clear)
     );
-    let noise = |bayer: bool, render: &mut dyn FnMut(FilmConfig) -> Vec<u8>| {
-        let rgb = render(FilmConfig {
+    let noise = |bayer: bool, render: &mut dyn FnMut(ImageSensorConfig) -> Vec<u8>| {
+        let rgb = render(ImageSensorConfig {
             bayer,
             full_well: 1000.0,
             ..ideal

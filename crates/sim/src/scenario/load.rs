@@ -1,8 +1,9 @@
 //! How is a scenario loaded? Parsed, checked key by key, its paths resolved.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use localize::robot::RobotConfig;
+use localize::toml_file::{self, TomlFileError};
 use localize::toml_location::key_location;
 
 use super::{RadioConfig, Scenario};
@@ -11,22 +12,9 @@ use crate::world::STEP;
 /// Why a scenario cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
-    /// The file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// The file is not a scenario.
-    #[error("{}: {source}", path.display())]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Line and reason.
-        source: Box<toml::de::Error>,
-    },
+    /// The file cannot be read, or its content is something else.
+    #[error(transparent)]
+    File(#[from] TomlFileError),
     /// An invalid value.
     #[error("{place}: {key}: {reason}")]
     Value {
@@ -42,15 +30,6 @@ pub enum ScenarioError {
     Robot(#[from] localize::robot::RobotConfigError),
 }
 
-impl ScenarioError {
-    fn parse(path: &Path, source: toml::de::Error) -> Self {
-        ScenarioError::Parse {
-            path: path.to_owned(),
-            source: Box::new(source),
-        }
-    }
-}
-
 /// Largest accepted coordinate (metres) and heading (degrees).
 const COORDINATE_MAX: f32 = 1000.0;
 
@@ -60,13 +39,8 @@ const OTHERS_MAX: usize = 10;
 impl Scenario {
     /// Reads and checks a scenario file and its robot file; resolves paths relative to the scenario's folder.
     pub fn load(path: &Path) -> Result<(Self, RobotConfig), ScenarioError> {
-        let text = std::fs::read_to_string(path).map_err(|source| ScenarioError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        toml::from_str::<Scenario>(&text)
-            .map_err(|source| ScenarioError::parse(path, source))?
-            .check_and_resolve(path, &text)
+        let (scenario, text): (Scenario, _) = toml_file::read(path)?;
+        scenario.check_and_resolve(path, &text)
     }
 
     /// From the table of the scenario file `path`, in which values may have been changed.
@@ -76,7 +50,7 @@ impl Scenario {
     ) -> Result<(Self, RobotConfig), ScenarioError> {
         let scenario: Scenario = table
             .try_into()
-            .map_err(|source| ScenarioError::parse(path, source))?;
+            .map_err(|source| TomlFileError::parse(path, source))?;
         scenario.check_and_resolve(path, "")
     }
 

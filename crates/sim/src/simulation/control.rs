@@ -3,13 +3,14 @@
 use localize::frames::{At, FieldFrame, Pose};
 use localize::omni::Twist;
 
-use super::Sim;
-use crate::image_sensor::FilmConfig;
+use super::Simulator;
+use crate::image_sensor::ImageSensorConfig;
 use crate::people::Person;
 use crate::scenario::FaultKind;
+use crate::sector::Sector;
 use crate::world::{BallState, RobotState};
 
-impl Sim {
+impl Simulator {
     /// Overrides the scenario's path; `None` ends the override.
     pub fn set_command(&mut self, twist: Option<Twist>) {
         self.command_override = twist;
@@ -81,17 +82,17 @@ impl Sim {
     }
 
     /// Blackens a sector of the view (centre and full width, degrees); `None` ends it.
-    pub fn set_occlusion(&mut self, sector_deg: Option<(f32, f32)>) {
-        self.occlusion_override = sector_deg;
+    pub fn set_occlusion(&mut self, sector: Option<Sector>) {
+        self.occlusion_override = sector;
     }
 
     /// The camera's settings.
-    pub fn image_sensor(&self) -> &FilmConfig {
+    pub fn image_sensor(&self) -> &ImageSensorConfig {
         &self.image_sensor
     }
 
     /// Changes the camera's settings from the next image on.
-    pub fn set_image_sensor(&mut self, config: FilmConfig) {
+    pub fn set_image_sensor(&mut self, config: ImageSensorConfig) {
         self.image_sensor = config;
     }
 
@@ -99,7 +100,7 @@ impl Sim {
     ///
     /// Calls must be in the order of the images. An image in the past stands for the next one.
     pub fn schedule_exposure(&mut self, image: u64, exposure: f32, gain: f32) {
-        let config = FilmConfig {
+        let config = ImageSensorConfig {
             exposure,
             gain,
             ..self.image_sensor

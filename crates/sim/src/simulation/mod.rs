@@ -19,12 +19,13 @@ use vision::optics::ray_tracing::OpticsError;
 use vision::{Mount, Profile};
 
 use crate::behaviour::{DECISION_PERIOD, TeamBehaviour};
-use crate::image_sensor::FilmConfig;
+use crate::image_sensor::ImageSensorConfig;
 use crate::path_follower::PathFollower;
 use crate::people::{People, Person};
 use crate::render::{CameraMotion, Renderer, RendererConfig};
 use crate::rocking::Rocking;
 use crate::scenario::{FaultKind, Scenario, ScenarioError};
+use crate::sector::Sector;
 use crate::sensors::{CompassModel, ImuModel};
 use crate::world::{BallState, RobotState, STEP, STEP_NANOSECONDS, SimWorld};
 
@@ -131,7 +132,7 @@ pub enum SimError {
 }
 
 /// A running simulation. `Iterator` yields its samples until the scenario's end.
-pub struct Sim {
+pub struct Simulator {
     scenario: Scenario,
     robot: RobotConfig,
     field: Field,
@@ -147,16 +148,16 @@ pub struct Sim {
     /// The real camera, with its real focal length, and the mirror.
     camera: CameraConfig,
     profile: Profile,
-    image_sensor: FilmConfig,
+    image_sensor: ImageSensorConfig,
     /// Scheduled settings and their first image, counted from 0 without dropped ones.
-    pending_sensor_configs: VecDeque<(u64, FilmConfig)>,
+    pending_sensor_configs: VecDeque<(u64, ImageSensorConfig)>,
     images: u64,
     /// True if images are rendered.
     renders_images: bool,
     /// Overrides the scenario's light level.
     light_override: Option<f32>,
     /// Additional black sector: centre and full width, degrees.
-    occlusion_override: Option<(f32, f32)>,
+    occlusion_override: Option<Sector>,
     imu: Option<(ImuModel, SampleTimer)>,
     compass: Option<(CompassModel, SampleTimer)>,
     odometry_timer: SampleTimer,
@@ -197,13 +198,13 @@ impl SampleTimer {
     }
 }
 
-impl Sim {
+impl Simulator {
     /// Reads a scenario and the files that it names; `seed` overrides the scenario's.
     pub fn load(path: &std::path::Path, seed: Option<u64>) -> Result<Self, SimError> {
         let (mut scenario, robot) = Scenario::load(path)?;
         scenario.seed = seed.unwrap_or(scenario.seed);
         let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
-        Sim::new(scenario, robot, field)
+        Simulator::new(scenario, robot, field)
     }
 
     /// Sets up a simulation. The robot needs a camera and a mirror profile.
@@ -281,7 +282,7 @@ impl Sim {
                 SampleTimer::new(config.rate_hz.into()),
             )
         });
-        Ok(Sim {
+        Ok(Simulator {
             world,
             rocking: Rocking::new(scenario.rocking, start, &mut rng_stream(6)),
             people: People::new(&field, scenario.people, &mut people_rng),
@@ -467,7 +468,7 @@ impl Sim {
         let longest = 1.0 / self.scenario.frame_rate_hz as f32;
         CameraMotion {
             velocity: [cos * vx + sin * vy, cos * vy - sin * vx],
-            yaw_rate: robot.omega,
+            yaw_rate: robot.yaw_rate,
             tilt: self.rocking.tilt(),
             tilt_rate: self.rocking.tilt_rate(),
             // A camera exposes and reads out within the time between two images.
@@ -485,7 +486,7 @@ fn sorted(mut scenario: Scenario) -> Scenario {
     scenario
 }
 
-impl Iterator for Sim {
+impl Iterator for Simulator {
     type Item = SimSample;
 
     /// The next sample; `None` at the end of the scenario.

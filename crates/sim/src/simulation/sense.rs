@@ -3,11 +3,12 @@
 use localize::sample::VelocityCommand;
 use localize::stamp::Stamp;
 
-use super::{Sim, SimImage, SimSample, SimTruth};
-use crate::render::Scene;
-use crate::scenario::FaultKind;
+use super::{SimImage, SimSample, SimTruth, Simulator};
+use crate::render::{Scene, SceneBall};
+use crate::scenario::{FaultKind, Occlusion};
+use crate::sector::Sector;
 
-impl Sim {
+impl Simulator {
     /// Samples every sensor that is due: motion first, then true state and image.
     pub(super) fn sample_sensors(&mut self) {
         let time = self.time();
@@ -63,7 +64,13 @@ impl Sim {
         let silent = self.active_fault(FaultKind::ImuSilent).is_some();
         if let Some((imu, _)) = &self.imu {
             let tilt = (self.rocking.tilt(), self.rocking.tilt_rate());
-            let reading = imu.read(stamp, acceleration, robot.omega, tilt, &mut self.sensor_rng);
+            let reading = imu.read(
+                stamp,
+                acceleration,
+                robot.yaw_rate,
+                tilt,
+                &mut self.sensor_rng,
+            );
             if !silent {
                 self.pending_samples.push_back(SimSample::Imu(reading));
             }
@@ -115,14 +122,13 @@ impl Sim {
         let level = self
             .light_override
             .unwrap_or_else(|| self.scenario.light.level_at(time));
-        let occlusions: Vec<(f32, f32)> = self
+        let occluded_sectors: Vec<Sector> = self
             .scenario
             .occlusions
             .iter()
             .filter(|occlusion| occlusion.start <= time && time < occlusion.stop)
-            .map(|occlusion| (occlusion.direction_deg, occlusion.width_deg))
+            .map(Occlusion::sector)
             .chain(self.occlusion_override)
-            .map(|(direction_deg, width_deg)| (direction_deg.to_radians(), width_deg.to_radians()))
             .collect();
         let ball = &self.scenario.ball;
         let scene = Scene {
@@ -130,11 +136,13 @@ impl Sim {
             motion: self.camera_motion(),
             robots: &truth.others,
             people: &truth.people,
-            ball: truth
-                .ball
-                .map(|state| (state.at, ball.diameter, ball.colour)),
+            ball: truth.ball.map(|state| SceneBall {
+                at: state.at,
+                diameter: ball.diameter,
+                colour: ball.colour,
+            }),
             light_colour: self.scenario.light.colour.map(|part| part * level),
-            occlusions: &occlusions,
+            occluded_sectors: &occluded_sectors,
         };
         let mut rgb = Vec::new();
         self.renderer.render(&scene, &self.image_sensor, &mut rgb);

@@ -6,7 +6,7 @@ use super::*;
 use crate::scenario::Kidnap;
 
 /// The demo scenario, shortened to a second, with a camera of 120 × 120 pixels.
-fn small_simulation(change: impl FnOnce(&mut Scenario)) -> Sim {
+fn small_simulation(change: impl FnOnce(&mut Scenario)) -> Simulator {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/demo.toml");
     let (mut scenario, mut robot) = Scenario::load(&path).expect("a scenario");
     let camera = robot.camera.as_mut().expect("a camera");
@@ -17,7 +17,7 @@ fn small_simulation(change: impl FnOnce(&mut Scenario)) -> Sim {
     scenario.duration = 1.0;
     change(&mut scenario);
     let field = Field::load(scenario.field.as_ref().expect("a field")).expect("a field");
-    Sim::new(scenario, robot, field).expect("a simulation")
+    Simulator::new(scenario, robot, field).expect("a simulation")
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn kidnap_moves_only_our_robot() {
         y: 2.0,
         theta_deg: 90.0,
     };
-    let truths = |sim: Sim| -> Vec<SimTruth> {
+    let truths = |sim: Simulator| -> Vec<SimTruth> {
         sim.filter_map(|sample| match sample {
             SimSample::Truth(truth) => Some(truth),
             _ => None,

@@ -97,7 +97,7 @@ fn robot_reaches_commanded_twist_and_odometry_is_within_3_percent() {
     let (sin, cos) = robot.pose.theta.sin_cos();
     let [vx, vy] = robot.velocity;
     assert!((cos * vx + sin * vy - 1.5).abs() < 0.05 && (cos * vy - sin * vx - 0.5).abs() < 0.05);
-    assert!((robot.omega - 0.4).abs() < 0.02, "{}", robot.omega);
+    assert!((robot.yaw_rate - 0.4).abs() < 0.02, "{}", robot.yaw_rate);
     let error = counted.origin().distance_to(robot.pose.origin());
     let distance = 1.5f32.hypot(0.5) * 3.0;
     assert!(robot.pose.origin().distance_to(start.origin()) > 3.0);

@@ -125,7 +125,7 @@ impl CarpetModel {
         rise.map(|channel| channel / sum)
     }
 
-    /// Classifies a colour; `ball_hue_deg`: the ball's hue from..to, see [`crate::config::ObjectConfig`].
+    /// Classifies a colour; `ball_hue_deg`: the ball's hue from..to, see [`crate::config::ObjectDetectionConfig`].
     pub fn classify(
         &self,
         rgb: [u8; 3],

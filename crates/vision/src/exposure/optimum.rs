@@ -1,4 +1,25 @@
-//! The level that a search found best, and the entropy that images have there.
+//! State of the search: its present part, the image that it judges, and the level that it found best.
+
+use crate::exposure::histogram::Histogram;
+
+/// What a search does at present.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum SearchPhase {
+    /// The light changed: first the level of the optimum is restored. `steady`: successive images that have it.
+    RestoringLevel { steady: u32 },
+    /// The entropy's peak is searched.
+    MaximizingEntropy,
+}
+
+/// One measured image.
+pub(super) struct Measurement<'a> {
+    pub(super) histogram: &'a Histogram,
+    /// Bits.
+    pub(super) entropy: f32,
+    /// Brightness of the image's centre, of 255; at least 1.
+    pub(super) level: f32,
+    pub(super) image_index: u64,
+}
 
 /// Centre level of the highest entropy.
 #[derive(Debug, Clone, Copy)]

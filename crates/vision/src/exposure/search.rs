@@ -5,27 +5,7 @@ use localize::robot::CameraControl;
 
 use crate::exposure::ExposureCommand;
 use crate::exposure::auto_exposure::{AutoExposure, VALID_LEVELS};
-use crate::exposure::histogram::Histogram;
-use crate::exposure::optimum::{EntropyStatistics, Optimum};
-
-/// What a search does at present.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum SearchPhase {
-    /// The light changed: first the level of the optimum is restored. `steady`: successive images that have it.
-    RestoringLevel { steady: u32 },
-    /// The entropy's peak is searched.
-    MaximizingEntropy,
-}
-
-/// One measured image.
-pub(super) struct Measurement<'a> {
-    pub(super) histogram: &'a Histogram,
-    /// Bits.
-    pub(super) entropy: f32,
-    /// Brightness of the image's centre, of 255; at least 1.
-    pub(super) level: f32,
-    pub(super) image_index: u64,
-}
+use crate::exposure::optimum::{EntropyStatistics, Measurement, Optimum, SearchPhase};
 
 /// Plausible exponents of the camera's response.
 const RESPONSE_RANGE: std::ops::RangeInclusive<f32> = 0.35..=1.1;

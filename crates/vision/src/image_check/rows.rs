@@ -38,6 +38,8 @@ pub(super) struct SampledRows {
     rows: Vec<SampledRow>,
     samples: Vec<[u8; 3]>,
     last: Vec<[u8; 3]>,
+    /// Brightness of each sample.
+    brightness: Vec<u8>,
     /// True if `last` is of the image before.
     has_last: bool,
     yuv: bool,
@@ -94,6 +96,7 @@ impl SampledRows {
             rows,
             samples: vec![[0; 3]; start],
             last: vec![[0; 3]; start],
+            brightness: vec![0; start],
             has_last: false,
             yuv: false,
             row_step: 1,
@@ -132,6 +135,16 @@ impl SampledRows {
                 *sample = image.native_channels(number * COLUMN_STEP, row.row);
             }
         }
+        let mut brightness = std::mem::take(&mut self.brightness);
+        for (level, &sample) in brightness.iter_mut().zip(&self.samples) {
+            *level = self.brightness(sample);
+        }
+        self.brightness = brightness;
+    }
+
+    /// Brightness of a row's samples.
+    fn levels_of(&self, row: &SampledRow) -> &[u8] {
+        &self.brightness[row.start..][..row.ground.len()]
     }
 
     fn read_rows(&self) -> impl Iterator<Item = &SampledRow> {
@@ -155,9 +168,8 @@ impl SampledRows {
         let mut histogram = [0usize; 256];
         let mut count = 0;
         for row in self.read_rows() {
-            let samples = SampledRows::of(row, &self.samples);
-            for (&sample, &ground) in samples.iter().zip(&row.ground) {
-                histogram[usize::from(self.brightness(sample))] += usize::from(ground);
+            for (&level, &ground) in self.levels_of(row).iter().zip(&row.ground) {
+                histogram[usize::from(level)] += usize::from(ground);
                 count += usize::from(ground);
             }
         }
@@ -227,17 +239,13 @@ impl SampledRows {
                 differences.push(f32::NAN);
                 continue;
             }
-            let (upper, lower) = (
-                SampledRows::of(above, &self.samples),
-                SampledRows::of(below, &self.samples),
-            );
+            let levels = self.levels_of(above).iter().zip(self.levels_of(below));
+            let shown = above.ground.iter().zip(&below.ground);
             let (mut sum, mut count) = (0u32, 0u32);
-            for place in 0..upper.len() {
-                if above.ground[place] && below.ground[place] {
-                    let levels = [upper[place], lower[place]].map(|of| self.brightness(of));
-                    sum += u32::from(levels[0].abs_diff(levels[1]));
-                    count += 1;
-                }
+            for ((&upper, &lower), (&above, &below)) in levels.zip(shown) {
+                let both = u32::from(above & below);
+                sum += both * u32::from(upper.abs_diff(lower));
+                count += both;
             }
             differences.push(sum as f32 / count.max(1) as f32);
         }
@@ -291,25 +299,27 @@ impl SampledRows {
     /// Spread of the mean brightness over parts of the floor.
     pub(super) fn contrast(&self) -> Contrast {
         let mut means: Vec<f32> = Vec::new();
-        let mut noise: Vec<f32> = Vec::new();
+        // Counts of the differences between neighbours.
+        let mut noise = [0usize; 256];
         let mut fewest = usize::MAX;
         let rows: Vec<&SampledRow> = self.read_rows().collect();
         for band in rows.chunks(PART_ROWS) {
             let parts = self.size_px.0.div_ceil(PART_SAMPLES * COLUMN_STEP);
             let mut sums = vec![(0.0f32, 0usize); parts];
             for row in band {
-                let mut last: Option<f32> = None;
-                let samples = SampledRows::of(row, &self.samples);
-                for (number, (&sample, &ground)) in samples.iter().zip(&row.ground).enumerate() {
-                    let level = ground.then(|| f32::from(self.brightness(sample)));
-                    if let (Some(level), Some(last)) = (level, last) {
-                        noise.push((level - last).abs());
+                let mut last: Option<u8> = None;
+                let levels = self.levels_of(row).iter().zip(&row.ground);
+                for (number, (&level, &ground)) in levels.enumerate() {
+                    if !ground {
+                        last = None;
+                        continue;
                     }
-                    if let Some(level) = level {
-                        let part = &mut sums[number / PART_SAMPLES];
-                        *part = (part.0 + level, part.1 + 1);
+                    if let Some(last) = last {
+                        noise[usize::from(level.abs_diff(last))] += 1;
                     }
-                    last = level;
+                    let part = &mut sums[number / PART_SAMPLES];
+                    *part = (part.0 + f32::from(level), part.1 + 1);
+                    last = Some(level);
                 }
             }
             let full = PART_ROWS * PART_SAMPLES / (2 * self.row_step);
@@ -326,15 +336,25 @@ impl SampledRows {
             };
         }
         means.sort_unstable_by(f32::total_cmp);
-        noise.sort_unstable_by(f32::total_cmp);
         // The median absolute difference of two normal numbers is 0.954 σ; the mean of n has σ/√n, and 90 % of such
         // means lie within ± 1.64 of that.
-        let sigma = noise[noise.len() / 2] / 0.954;
+        let sigma = median_bin(&noise) as f32 / 0.954;
         Contrast {
             spread: means[means.len() * 19 / 20] - means[means.len() / 20],
             by_noise: 1.5 * 2.0 * 1.64 * sigma / (fewest as f32).sqrt(),
         }
     }
+}
+
+/// Bin of a histogram that holds the upper median.
+fn median_bin(counts: &[usize; 256]) -> usize {
+    let rank = counts.iter().sum::<usize>() / 2;
+    let mut below = 0;
+    let median = counts.iter().position(|count| {
+        below += count;
+        below > rank
+    });
+    median.unwrap_or(0)
 }
 
 /// True if all samples are the same, but for a level.

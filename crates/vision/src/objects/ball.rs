@@ -7,11 +7,11 @@ use localize::frames::{At, RobotFrame};
 use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::objects::covariance::covariance_from_polar;
 use crate::optics::ground_map::GroundMap;
-use crate::optics::image_polar::azimuth;
+use crate::optics::image_polar::{azimuth, wrap_turns};
 use crate::scan::pattern::pixel_footprint;
 
 /// The ball.
@@ -36,7 +36,7 @@ pub(crate) struct BallDetector<'a> {
     pub(crate) image: &'a ImageView<'a>,
     pub(crate) map: &'a GroundMap,
     pub(crate) lookup_table: &'a ColourLookupTable,
-    pub(crate) config: &'a ObjectConfig,
+    pub(crate) config: &'a ObjectDetectionConfig,
     /// Range of the carpet's boundary along each ray, metres.
     pub(crate) carpet_end: &'a [f32],
     /// The mirror's axis in the image, pixels.
@@ -70,8 +70,11 @@ impl VisitedMask {
     }
 }
 
-/// Flood fill stops at this size; larger regions are not a ball, pixels.
+/// Largest region, pixels, and as a share of a whole ball on the ground: a ball in the air appears larger.
 const REGION_PIXELS_MAX: usize = 20_000;
+const PIXELS_SHARE_MAX: f32 = 5.0;
+/// Length of a ball's region over the square root of its pixels, with room for one that the mirror draws long.
+const REACH_SHARE: f32 = 1.6;
 
 /// Neighbours for the flood fill, up to two pixels away, so that noise and thin cables do not split a ball.
 const NEIGHBOURS: [(i32, i32); 12] = [
@@ -105,8 +108,12 @@ impl BallDetector<'_> {
         let mut best: Option<BallDetection> = None;
         let mut region = Vec::new();
         for seed in seeds {
-            self.flood_fill(seed, visited, &mut region);
-            if let Some(ball) = self.evaluate_region(&region)
+            // A region that outgrows a ball is none; filling all of a wooden floor would cost more than all else.
+            let Some(pixels_max) = self.region_pixels_max(seed) else {
+                continue;
+            };
+            if self.flood_fill(seed, visited, pixels_max, &mut region)
+                && let Some(ball) = self.evaluate_region(&region)
                 && best.is_none_or(|best| ball.score > best.score)
             {
                 best = Some(ball);
@@ -115,17 +122,37 @@ impl BallDetector<'_> {
         best
     }
 
-    fn flood_fill(&self, [u, v]: [u16; 2], visited: &mut VisitedMask, region: &mut Vec<[u16; 2]>) {
+    /// Pixels of the largest region that may be a ball around a seed at its near edge.
+    fn region_pixels_max(&self, [u, v]: [u16; 2]) -> Option<usize> {
+        let range = self.map.at(usize::from(u), usize::from(v))?.distance();
+        let whole = expected_ball_pixels(self.map, self.config, range, [u, v].map(f32::from))?;
+        Some((PIXELS_SHARE_MAX * whole).min(REGION_PIXELS_MAX as f32) as usize)
+    }
+
+    /// Collects the region around a seed; false if it outgrows a ball or was collected before.
+    fn flood_fill(
+        &self,
+        [u, v]: [u16; 2],
+        visited: &mut VisitedMask,
+        pixels_max: usize,
+        region: &mut Vec<[u16; 2]>,
+    ) -> bool {
         region.clear();
         let (width, height) = (self.map.width_px, self.map.height_px);
         if !visited.mark(usize::from(v) * width + usize::from(u)) {
-            return;
+            return false;
         }
         region.push([u, v]);
+        // A ball of so many pixels is as long as this; a strip that is longer is none.
+        let reach = (REACH_SHARE * (pixels_max as f32).sqrt()) as i32 + 2;
+        let [seed_u, seed_v] = [u, v].map(i32::from);
         let mut next = 0;
-        while next < region.len() && region.len() < REGION_PIXELS_MAX {
+        while next < region.len() && region.len() < pixels_max {
             let [u, v] = region[next].map(i32::from);
             next += 1;
+            if (u - seed_u).abs().max((v - seed_v).abs()) > reach {
+                return false;
+            }
             let inside = |column: i32, row: i32| {
                 (0..width as i32).contains(&column) && (0..height as i32).contains(&row)
             };
@@ -148,11 +175,12 @@ impl BallDetector<'_> {
                 }
             }
         }
+        region.len() < pixels_max
     }
 
     fn evaluate_region(&self, region: &[[u16; 2]]) -> Option<BallDetection> {
         let config = self.config;
-        if region.len() < config.ball_pixels_min || region.len() >= REGION_PIXELS_MAX {
+        if region.len() < config.ball_pixels_min {
             return None;
         }
         let height = config.viewpoint_height;
@@ -208,7 +236,7 @@ impl BallDetector<'_> {
         let share = region.len() as f32 / pixels;
         // Larger than a ball on the ground: it is nearer and thus higher.
         let on_ground = part < 1.6 && share < 2.5;
-        if share.min(part) < config.ball_visible_share_min || share > 8.0 {
+        if share.min(part) < config.ball_visible_share_min || share > PIXELS_SHARE_MAX {
             return None;
         }
         if !self.is_surrounded_by_carpet([u, v], region.len()) {
@@ -283,7 +311,7 @@ impl BallDetector<'_> {
         let half = self.config.ball_radius / (std::f32::consts::TAU * range);
         let count = self.carpet_end.len();
         let end = |turns: f32, outward: usize| {
-            let place = turns.rem_euclid(1.0) * count as f32;
+            let place = wrap_turns(turns) * count as f32;
             self.carpet_end[(place as usize + outward) % count]
         };
         // One ray past each side of the ball. The ball hides carpet, so its centre may appear slightly farther.
@@ -295,7 +323,7 @@ impl BallDetector<'_> {
 /// Pixels of a whole ball on the ground at a distance and image position: its solid angle over a pixel's.
 pub(crate) fn expected_ball_pixels(
     map: &GroundMap,
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
     range: f32,
     [u, v]: [f32; 2],
 ) -> Option<f32> {
@@ -313,7 +341,7 @@ pub(crate) fn expected_ball_pixels(
 /// Pixels of a whole ball at a ground point. None if the map does not show it.
 pub fn expected_ball_pixels_at(
     map: &GroundMap,
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
     at: At<RobotFrame>,
 ) -> Option<f32> {
     // The ball's centre projects to ground slightly beyond its contact point.

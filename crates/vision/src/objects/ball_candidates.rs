@@ -1,18 +1,20 @@
-//! Where could a ball lie? A grid of places in steps of two thirds of a ball's radius, judged in three steps: something
-//! else than carpet with carpet before it, the coarse network, the convolution network.
+//! Where could a ball lie? A grid of places in steps of two thirds of a ball's radius, judged in four steps: something
+//! else than carpet before the carpet's end, as large as a ball with carpet before it, the coarse network, the convolution
+//! network.
 //!
-//! The ball's colour plays no part.
+//! The ball's colour plays no part. Few of several thousand places pass the first two steps, which read classes alone.
 
 use std::f32::consts::TAU;
 
 use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::config::ObjectConfig;
+use crate::colour::pixel_classifier::PixelClassifier;
+use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::objects::network::{NETWORKS, logistic};
 use crate::objects::patch::{
-    BallAngles, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, floor_pixels,
+    BallAngles, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, floor_pixels, inner_pixels,
     normalize_coarse_patch, normalize_patch, read_coarse_patch, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
@@ -24,9 +26,14 @@ const GRID_STEP: f32 = 0.7;
 const RANGE_MIN: f32 = 0.3;
 const RANGE_MAX: f32 = 6.5;
 /// Fewest samples of the floor before and beside a ball that are carpet; a robot, a line or the own body may take others.
-const FLOOR_CARPET_MIN: usize = 3;
-/// Candidates whose pixels the convolution network judges.
-const CANDIDATES_MAX: usize = 18;
+const FLOOR_CARPET_MIN: usize = 6;
+/// Fewest of four samples at 0.85 radii around the centre that are not carpet. Lines are narrower than a ball.
+const INNER_OTHERS_MIN: usize = 2;
+/// Candidates whose pixels the convolution network judges, and their least log odds by the coarse network.
+const CANDIDATES_MAX: usize = 12;
+const LOG_ODDS_MIN: f32 = 1.0;
+/// Largest view angle of a ball, radians: far beyond the carpet.
+const VIEW_ANGLE_MAX: f32 = 1.5;
 /// Two candidates nearer than this are one, ball radii.
 const SEPARATION: f32 = 1.5;
 
@@ -35,8 +42,9 @@ const SEPARATION: f32 = 1.5;
 struct GridPlace {
     view_angle: f32,
     azimuth: f32,
+    /// Distance of the contact point, metres.
+    range: f32,
     ball: BallAngles,
-    pixel: [u16; 2],
     coarse: CoarsePixels,
 }
 
@@ -44,6 +52,9 @@ struct GridPlace {
 #[derive(Debug, Clone)]
 pub(crate) struct BallGrid {
     places: Vec<GridPlace>,
+    /// Classifies the places' centres.
+    centres: PixelClassifier,
+    centre_classes: Vec<ColourClass>,
     angles: ViewAngles,
     ball_radius: f32,
 }
@@ -62,7 +73,7 @@ impl BallGrid {
     /// Places with `is_visible` false (own body, outside the mirror) are left out.
     pub(crate) fn new(
         angles: &ViewAngles,
-        config: &ObjectConfig,
+        config: &ObjectDetectionConfig,
         size_px: [usize; 2],
         is_visible: impl Fn(usize, usize) -> bool,
     ) -> Self {
@@ -72,7 +83,7 @@ impl BallGrid {
             let inside = u >= 0.0 && v >= 0.0 && u < size_px[0] as f32 && v < size_px[1] as f32;
             inside.then_some([u as u16, v as u16])
         };
-        let mut places = Vec::new();
+        let (mut places, mut centres) = (Vec::new(), Vec::new());
         let mut view_angle = math::atan2(RANGE_MIN, centre_height);
         let last = math::atan2(config.ball_range_max.min(RANGE_MAX), centre_height);
         while view_angle <= last {
@@ -88,17 +99,20 @@ impl BallGrid {
                     continue;
                 }
                 let frame = PatchFrame::ball(view_angle, azimuth, ball);
+                centres.push(pixel);
                 places.push(GridPlace {
                     view_angle,
                     azimuth,
+                    range,
                     ball,
-                    pixel,
                     coarse: coarse_pixels(angles, &frame, size_px),
                 });
             }
             view_angle += GRID_STEP * ball.half_height;
         }
         BallGrid {
+            centre_classes: vec![ColourClass::OTHER; places.len()],
+            centres: PixelClassifier::new(&centres, size_px[1]),
             places,
             angles: angles.clone(),
             ball_radius: config.ball_radius,
@@ -106,18 +120,28 @@ impl BallGrid {
     }
 
     /// Places that may show a ball, best first by the coarse network, at most [`CANDIDATES_MAX`].
+    ///
+    /// `is_beyond_carpet` says of an azimuth in turns and a distance in metres whether the carpet ends before it.
     pub(crate) fn find_candidates(
-        &self,
+        &mut self,
         image: &ImageView<'_>,
         table: &ColourLookupTable,
+        is_beyond_carpet: impl Fn(f32, f32) -> bool,
     ) -> Vec<BallCandidate> {
+        let rows = 0..image.height_px;
+        self.centres
+            .classify_rows(image, table, &rows, &mut self.centre_classes);
         let is_carpet = |[u, v]: [u16; 2]| {
             let native = image.native_channels(usize::from(u), usize::from(v));
             table.class(native) == ColourClass::CARPET
         };
         let mut ranked: Vec<(f32, BallCandidate)> = Vec::new();
-        for place in &self.places {
-            if is_carpet(place.pixel) {
+        for (place, &centre) in self.places.iter().zip(&self.centre_classes) {
+            if centre == ColourClass::CARPET || is_beyond_carpet(place.azimuth / TAU, place.range) {
+                continue;
+            }
+            let inner = inner_pixels(&place.coarse);
+            if inner.filter(|&pixel| !is_carpet(pixel)).count() < INNER_OTHERS_MIN {
                 continue;
             }
             let floor = floor_pixels(&place.coarse);
@@ -134,7 +158,9 @@ impl BallGrid {
                 ball: place.ball,
                 probability: 0.0,
             };
-            ranked.push((log_odds, candidate));
+            if log_odds >= LOG_ODDS_MIN {
+                ranked.push((log_odds, candidate));
+            }
         }
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut best: Vec<BallCandidate> = Vec::new();
@@ -181,6 +207,24 @@ impl BallGrid {
             .ball
             .evaluate(&normalize_patch(PatchKind::Ball, &colours));
         logistic(log_odds)
+    }
+
+    /// A candidate displaced away from the robot and in azimuth, ball radii.
+    pub(crate) fn displaced(
+        &self,
+        candidate: &BallCandidate,
+        away: f32,
+        aside: f32,
+    ) -> BallCandidate {
+        let view_angle = candidate.view_angle + away * candidate.ball.half_height;
+        let height = self.angles.height;
+        let range = (height - self.ball_radius) * math::tan(view_angle.min(VIEW_ANGLE_MAX));
+        BallCandidate {
+            view_angle,
+            azimuth: candidate.azimuth + aside * candidate.ball.half_width,
+            ball: BallAngles::at(range, self.ball_radius, height),
+            probability: candidate.probability,
+        }
     }
 
     /// The candidate of a ball detected otherwise, by its contact point's distance and its image position.

@@ -4,7 +4,7 @@ use localize::frames::{At, RobotFrame};
 use localize::math;
 
 use crate::colour::lookup_table::ColourClass;
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::objects::covariance::covariance_from_polar;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan, occludes_carpet_end};
 
@@ -49,7 +49,7 @@ const GOAL_WIDTH_MIN: f32 = 0.5;
 pub(crate) fn detect_goals(
     scan: &RadialScan,
     carpet_ends: &[CarpetEnd],
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
 ) -> Vec<GoalDetection> {
     let mut found = Vec::new();
     for (kind, class) in [
@@ -118,7 +118,7 @@ fn build_goal(
     share: &[f32],
     group: &[usize],
     kind: GoalKind,
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
 ) -> Option<GoalDetection> {
     let ends: Vec<[f32; 2]> = group
         .iter()

@@ -2,7 +2,7 @@
 
 pub mod ball;
 pub(crate) mod ball_candidates;
-mod ball_edges;
+mod ball_fit;
 mod covariance;
 pub mod goals;
 pub(crate) mod ground_contact;

@@ -10,8 +10,9 @@ use localize::math;
 
 use crate::objects::patch::{CHANNELS, COARSE_SAMPLES, SAMPLES, SIDE};
 
-/// Units of the coarse network.
+/// Units of the coarse network, and inputs that it takes at a time.
 const COARSE_UNITS: usize = 8;
+const LANES: usize = 4;
 /// Channels of the first and second convolution, units of the dense layer.
 const CONV1: usize = 8;
 const CONV2: usize = 16;
@@ -102,9 +103,18 @@ impl CoarseNetwork {
 
     /// Log odds of the object.
     pub(crate) fn log_odds(&self, patch: &[f32; CHANNELS * COARSE_SAMPLES]) -> f32 {
+        // Four sums at a time: additions to one sum wait for each other.
+        let mut sums = [[0.0; COARSE_UNITS]; LANES];
+        let (inputs, _) = patch.as_chunks::<LANES>();
+        let (rows, _) = self.hidden.as_chunks::<LANES>();
+        for (inputs, rows) in inputs.iter().zip(rows) {
+            for ((sums, &input), weights) in sums.iter_mut().zip(inputs).zip(rows) {
+                accumulate(sums, input, weights);
+            }
+        }
         let mut hidden = self.hidden_bias;
-        for (&input, weights) in patch.iter().zip(&self.hidden) {
-            accumulate(&mut hidden, input, weights);
+        for sums in &sums {
+            accumulate(&mut hidden, 1.0, sums);
         }
         let products = rectify(hidden).into_iter().zip(self.output);
         products.fold(self.output_bias, |sum, (value, weight)| {

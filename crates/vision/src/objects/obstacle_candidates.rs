@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::objects::network::{NETWORKS, softmax};
 use crate::objects::own_parts::OwnParts;
@@ -31,8 +31,11 @@ const BEYOND_LINE_ROW: f32 = 4.0;
 /// Smallest step of the mean logarithm across an edge, and that which remains beyond a line.
 const EDGE_STEP_MIN: f32 = 0.25;
 const BEYOND_LINE_STEP_MIN: f32 = 0.2;
-/// Candidates whose pixels the convolution network judges.
-const CANDIDATES_MAX: usize = 28;
+/// Step between two pixels below which a place is not looked at further.
+const PLAIN_STEP_MAX: f32 = 0.08;
+/// Candidates whose pixels the convolution network judges, and their least log odds by the coarse network.
+const CANDIDATES_MAX: usize = 40;
+const LOG_ODDS_MIN: f32 = -0.5;
 /// Candidates nearer than this are one: metres across, and across where they stand at one distance.
 const SEPARATION_IN_LINE: f32 = 0.18;
 const SEPARATION_ABREAST: f32 = 0.3;
@@ -89,7 +92,7 @@ impl ObstacleGrid {
     /// Places with `is_visible` false (own body, outside the mirror) are left out.
     pub(crate) fn new(
         angles: &ViewAngles,
-        config: &ObjectConfig,
+        config: &ObjectDetectionConfig,
         size_px: [usize; 2],
         is_visible: impl Fn(usize, usize) -> bool,
     ) -> Self {
@@ -194,7 +197,9 @@ impl ObstacleGrid {
                     robot: 0.0,
                     person: 0.0,
                 };
-                ranked.push((log_odds, candidate));
+                if log_odds >= LOG_ODDS_MIN {
+                    ranked.push((log_odds, candidate));
+                }
             }
         }
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -292,9 +297,6 @@ fn edge_step(image: &ImageView<'_>, table: &ColourLookupTable, place: &FootPlace
         let native = image.native_channels(usize::from(u), usize::from(v));
         table.class(native) == ColourClass::CARPET
     };
-    if !place.below.iter().any(|&pixel| is_carpet(pixel)) {
-        return 0.0;
-    }
     let logs = |[u, v]: [u16; 2]| image.rgb(usize::from(u), usize::from(v)).map(logarithm);
     let mean = |[a, b]: [[u16; 2]; 2]| {
         let (a, b) = (logs(a), logs(b));
@@ -303,6 +305,12 @@ fn edge_step(image: &ImageView<'_>, table: &ColourLookupTable, place: &FootPlace
     let step = |a: [f32; 3], b: [f32; 3]| {
         ((a[0] - b[0]).abs() + (a[1] - b[1]).abs() + (a[2] - b[2]).abs()) / 3.0
     };
+    // Most places are plain: one pair of pixels shows it.
+    if step(logs(place.above[1]), logs(place.below[1])) < PLAIN_STEP_MAX
+        || !place.below.iter().any(|&pixel| is_carpet(pixel))
+    {
+        return 0.0;
+    }
     let below = mean(place.below);
     let edge = step(mean(place.above), below);
     if edge < EDGE_STEP_MIN || step(logs(place.beyond_line), below) < BEYOND_LINE_STEP_MIN {

@@ -198,6 +198,15 @@ pub(crate) fn floor_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 
         .map(|(_, &pixel)| pixel)
 }
 
+/// Pixels of a coarse patch nearest its origin, inside the image.
+pub(crate) fn inner_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> {
+    let side = COARSE.len();
+    let middle = [side / 2 - 1, side / 2];
+    let places = middle.map(|row| middle.map(|column| pixels[row * side + column]));
+    let inside = |&pixel: &[u16; 2]| pixel != OUTSIDE;
+    places.into_iter().flatten().filter(inside)
+}
+
 /// Reads a coarse patch.
 pub(crate) fn read_coarse_patch(
     image: &ImageView<'_>,
@@ -271,9 +280,18 @@ fn normalize<const N: usize, const M: usize>(
     let logarithms = &*LOGARITHMS;
     let mut floor = [[0u8; N]; 3];
     let mut count = 0;
+    // One array for each channel, so that the arithmetic below is vectorised.
+    let mut logs = [[0.0f32; N]; 3];
+    let mut known = [1.0f32; N];
     for (index, colour) in colours.iter().enumerate() {
+        let rgb = colour.unwrap_or([0; 3]);
+        for channel in 0..3 {
+            logs[channel][index] = logarithms[usize::from(rgb[channel])];
+        }
+        if kind == PatchKind::Obstacle && colour.is_none() {
+            known[index] = 0.0;
+        }
         if is_floor(index) {
-            let rgb = colour.unwrap_or([0; 3]);
             for channel in 0..3 {
                 floor[channel][count] = rgb[channel];
             }
@@ -283,19 +301,20 @@ fn normalize<const N: usize, const M: usize>(
     let reference = floor.map(|mut levels| median_logarithm(&mut levels[..count]));
     let reference_range = range(reference);
     let mut input = [0.0; M];
-    for (index, colour) in colours.iter().enumerate() {
-        if kind == PatchKind::Obstacle && colour.is_none() {
-            continue;
-        }
-        let logs = colour
-            .unwrap_or([0; 3])
-            .map(|level| logarithms[usize::from(level)]);
-        let relative: [f32; 3] = std::array::from_fn(|channel| logs[channel] - reference[channel]);
-        let brightness = (relative[0] + relative[1] + relative[2]) / 3.0;
-        let channels = [brightness, range(relative), range(logs) - reference_range];
-        for (channel, value) in channels.into_iter().enumerate() {
-            input[channel * N + index] = value.clamp(-CHANNEL_MAX, CHANNEL_MAX);
-        }
+    let [reds, greens, blues] = &logs;
+    let (brightness, rest) = input.split_at_mut(N);
+    let (relative_range, saturation) = rest.split_at_mut(N);
+    for index in 0..N {
+        let here = [reds[index], greens[index], blues[index]];
+        let [r, g, b] = [
+            here[0] - reference[0],
+            here[1] - reference[1],
+            here[2] - reference[2],
+        ];
+        let limit = |value: f32| value.clamp(-CHANNEL_MAX, CHANNEL_MAX) * known[index];
+        brightness[index] = limit((r + g + b) / 3.0);
+        relative_range[index] = limit(range([r, g, b]));
+        saturation[index] = limit(range(here) - reference_range);
     }
     input
 }

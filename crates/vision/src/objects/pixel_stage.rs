@@ -8,11 +8,11 @@ use localize::robot::CameraConfig;
 use localize::world::TeamColour;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::objects::ball::BallDetection;
 use crate::objects::ball_candidates::{BallCandidate, BallGrid, separation};
-use crate::objects::ball_edges::find_ball_edges;
+use crate::objects::ball_fit::fit_ball;
 use crate::objects::covariance::covariance_from_polar;
 use crate::objects::obstacle_candidates::{ObstacleCandidate, ObstacleGrid, is_same};
 use crate::objects::obstacle_edges::{measure_width, refine_foot};
@@ -26,6 +26,8 @@ use crate::optics::ground_map::GroundMap;
 const CONTRADICTION: f32 = 0.1;
 /// Nearer than this the robot itself takes the floor before an object, and the networks do not judge, metres.
 const JUDGED_RANGE_MIN: f32 = 0.4;
+/// Least probability of a ball before its place is fitted. The networks judge best where a ball is in the middle.
+const PROBABILITY_BEFORE_FIT: f32 = 0.3;
 /// Detections nearer than this are one ball, ball radii.
 const BALL_SEPARATION: f32 = 1.5;
 /// Distance of a person's centre behind the nearest foot, metres.
@@ -49,7 +51,7 @@ pub(crate) struct PixelStageInput<'a> {
     pub(crate) image: &'a ImageView<'a>,
     pub(crate) map: &'a GroundMap,
     pub(crate) lookup_table: &'a ColourLookupTable,
-    pub(crate) config: &'a ObjectConfig,
+    pub(crate) config: &'a ObjectDetectionConfig,
 }
 
 impl PixelStage {
@@ -57,7 +59,7 @@ impl PixelStage {
         map: &GroundMap,
         camera: &CameraConfig,
         mask: Option<&[bool]>,
-        config: &ObjectConfig,
+        config: &ObjectDetectionConfig,
     ) -> Self {
         let angles = ViewAngles::new(map, camera.centre_px, config.viewpoint_height);
         let size = [map.width_px, map.height_px];
@@ -72,48 +74,28 @@ impl PixelStage {
         }
     }
 
-    /// All balls, best first. `by_colour`: the ball that its colour gave.
+    /// All balls on the ground, best first. `is_beyond_carpet`: see [`BallGrid::find_candidates`].
     pub(crate) fn detect_balls(
-        &self,
+        &mut self,
         input: PixelStageInput<'_>,
-        by_colour: Option<BallDetection>,
-        rejected: &mut Vec<RejectedObject>,
+        is_beyond_carpet: impl Fn(f32, f32) -> bool,
     ) -> Vec<BallDetection> {
-        let PixelStageInput { image, config, .. } = input;
-        let candidates = self.balls.find_candidates(image, input.lookup_table);
+        let candidates =
+            self.balls
+                .find_candidates(input.image, input.lookup_table, is_beyond_carpet);
         let candidates = self
             .balls
-            .judge(image, candidates, config.ball_probability_min);
+            .judge(input.image, candidates, PROBABILITY_BEFORE_FIT);
         let mut balls: Vec<(BallCandidate, BallDetection)> = Vec::new();
-        if let Some(ball) = by_colour {
-            let mut candidate = self
-                .balls
-                .candidate_at(ball.at.distance(), ball.position_px);
-            candidate.probability = self.balls.probability(image, &candidate);
-            let beside = candidates
-                .iter()
-                .any(|other| separation(&candidate, other) < BALL_SEPARATION);
-            let judged = ball.on_ground && ball.at.distance() >= JUDGED_RANGE_MIN;
-            if judged && !beside && candidate.probability < CONTRADICTION {
-                rejected.push(RejectedObject {
-                    position_px: ball.position_px,
-                    reason: ObjectRejection::NotABall,
-                    probability: candidate.probability,
-                });
-            } else {
-                balls.push((candidate, ball));
-            }
-        }
         for candidate in candidates {
-            let known = |(other, _): &(BallCandidate, BallDetection)| {
-                separation(&candidate, other) < BALL_SEPARATION
-            };
-            if let Some((_, ball)) = balls.iter_mut().find(|ball| known(ball)) {
-                ball.score = ball.score.max(candidate.probability);
+            let Some((fitted, ball)) = self.ball_detection(input, &candidate) else {
                 continue;
-            }
-            if let Some(ball) = self.ball_detection(input, &candidate) {
-                balls.push((candidate, ball));
+            };
+            let beside = |(other, _): &(BallCandidate, BallDetection)| {
+                separation(&fitted, other) < BALL_SEPARATION
+            };
+            if !balls.iter().any(beside) {
+                balls.push((fitted, ball));
             }
         }
         let mut balls: Vec<BallDetection> = balls.into_iter().map(|(_, ball)| ball).collect();
@@ -121,15 +103,50 @@ impl PixelStage {
         balls
     }
 
+    /// The ball that its colour gave, if its pixels do not contradict. One in the air or at the robot's feet looks unlike
+    /// those that the network knows and is not judged.
+    pub(crate) fn judge_ball_by_colour(
+        &self,
+        input: PixelStageInput<'_>,
+        ball: BallDetection,
+        rejected: &mut Vec<RejectedObject>,
+    ) -> Option<BallDetection> {
+        if !ball.on_ground || ball.at.distance() < JUDGED_RANGE_MIN {
+            return Some(ball);
+        }
+        let mut candidate = self
+            .balls
+            .candidate_at(ball.at.distance(), ball.position_px);
+        candidate.probability = self.balls.probability(input.image, &candidate);
+        let fitted = (candidate.probability >= PROBABILITY_BEFORE_FIT)
+            .then(|| self.ball_detection(input, &candidate))
+            .flatten();
+        if fitted.is_none() {
+            rejected.push(RejectedObject {
+                position_px: ball.position_px,
+                reason: ObjectRejection::NotABall,
+                probability: candidate.probability,
+            });
+        }
+        fitted.map(|(_, ball)| ball)
+    }
+
     fn ball_detection(
         &self,
         input: PixelStageInput<'_>,
         candidate: &BallCandidate,
-    ) -> Option<BallDetection> {
+    ) -> Option<(BallCandidate, BallDetection)> {
         let config = input.config;
-        let edges = find_ball_edges(input.image, &self.angles, candidate);
-        let view_angle = candidate.view_angle + edges.away * candidate.ball.half_height;
-        let azimuth = candidate.azimuth + edges.aside * candidate.ball.half_width;
+        let fit = fit_ball(input.image, &self.angles, candidate);
+        let candidate = &self.balls.displaced(candidate, fit.away, fit.aside);
+        let candidate = &BallCandidate {
+            probability: self.balls.probability(input.image, candidate),
+            ..*candidate
+        };
+        if candidate.probability < config.ball_probability_min {
+            return None;
+        }
+        let (view_angle, azimuth) = (candidate.view_angle, candidate.azimuth);
         let centre_height = config.viewpoint_height - config.ball_radius;
         let range = centre_height * math::tan(view_angle);
         if !(range > 0.0 && range <= config.ball_range_max) {
@@ -152,15 +169,16 @@ impl PixelStage {
                 .radius_px(view_angle - candidate.ball.half_height, azimuth);
         let width_px = 2.0 * candidate.ball.half_width * self.angles.radius_px(view_angle, azimuth);
         let quarter = std::f32::consts::FRAC_PI_4;
-        let pixels = quarter * row_px * width_px * edges.extent[0] * edges.extent[1] / 4.0;
-        Some(BallDetection {
+        let pixels = quarter * row_px * width_px;
+        let ball = BallDetection {
             at: At::new(range * ex, range * ey),
             covariance: covariance_from_polar([ex, ey], along, across),
             on_ground: true,
             score: candidate.probability,
             position_px,
             pixels: pixels.max(1.0) as usize,
-        })
+        };
+        Some((*candidate, ball))
     }
 
     /// Robots and people. `by_carpet`: obstacles at the carpet's end.
@@ -178,7 +196,10 @@ impl PixelStage {
         let mut known: Vec<ObstacleCandidate> = Vec::new();
         let mut obstacles = Vec::new();
         for mut robot in by_carpet {
-            let candidate = self.judge_robot(image, &robot);
+            let azimuth = self.obstacles.azimuth_of(robot.position_px);
+            let candidate = self
+                .obstacles
+                .judge_at(image, robot.edge.distance(), azimuth);
             let beside = candidates.iter().any(|other| is_same(&candidate, other));
             let judged = robot.edge.distance() >= JUDGED_RANGE_MIN;
             let reason = if self.obstacles.is_own_part(&candidate) {
@@ -212,25 +233,6 @@ impl PixelStage {
             }
         }
         obstacles
-    }
-
-    /// The networks' judgement of an obstacle at the carpet's end: the best of three rows around its foot.
-    fn judge_robot(&self, image: &ImageView<'_>, robot: &RobotDetection) -> ObstacleCandidate {
-        let azimuth = self.obstacles.azimuth_of(robot.position_px);
-        let range = robot.edge.distance();
-        let foot = self.angles.ground_angle(range);
-        let step = obstacle_row_step(range, self.angles.height);
-        let judged = [-1.0, 0.0, 1.0].map(|row| {
-            let range = self.angles.ground_range(foot + row * step);
-            self.obstacles.judge_at(image, range, azimuth)
-        });
-        let mut best = judged[1];
-        for candidate in judged {
-            if candidate.probability() > best.probability() {
-                best = candidate;
-            }
-        }
-        best
     }
 
     fn obstacle_detection(

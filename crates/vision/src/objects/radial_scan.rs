@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::colour::pixel_classifier::PixelClassifier;
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
 use crate::optics::image_polar::nearest_pixel;
@@ -48,6 +48,13 @@ pub(crate) struct CarpetEnd {
 /// Carpet starts again if this many of the last five samples are carpet; fewer are noise on a dark object.
 const CARPET_HISTORY_MASK: u32 = 0b1_1111;
 const CARPET_HISTORY_MIN: u32 = 4;
+/// Samples of other colours that do not split a ball: noise, a cable.
+const BALL_GAP_SAMPLES: usize = 2;
+/// Samples before a run of which one is carpet: the ball's edge is mixed with it, a line may lie between.
+const FLOOR_SAMPLES: usize = 4;
+/// Shortest and longest run of a ball's colour, balls on the ground. A ball in the air appears larger.
+const BALL_EXTENTS_MIN: f32 = 0.3;
+const BALL_EXTENTS_MAX: f32 = 3.0;
 /// Samples of a ray that count as next to the robot.
 const NEAR_ROBOT_SAMPLES: usize = 8;
 
@@ -57,7 +64,7 @@ impl RadialScan {
         camera: &CameraConfig,
         mask: Option<&[bool]>,
         range_min: f32,
-        config: &ObjectConfig,
+        config: &ObjectDetectionConfig,
     ) -> Self {
         let (width, height) = (map.width_px as f32, map.height_px as f32);
         let (mut samples, mut starts) = (Vec::new(), vec![0]);
@@ -117,31 +124,98 @@ impl RadialScan {
     /// Gaps of up to `carpet_gap_max` plus `carpet_gap_per_range` times the range are ignored: cables, shadows, a ball.
     /// White counts a quarter, since a line may point at the robot. A ray whose nearest samples are covered (own body,
     /// a rod) starts at its first carpet.
-    pub(crate) fn find_carpet_ends(&self, config: &ObjectConfig) -> Vec<CarpetEnd> {
+    pub(crate) fn find_carpet_ends(&self, config: &ObjectDetectionConfig) -> Vec<CarpetEnd> {
         let carpet_end = |ray| self.find_carpet_end(ray, config);
         (0..self.count()).map(carpet_end).collect()
     }
 
-    /// Samples of a class, each with its ray's azimuth, turns.
-    pub(crate) fn samples_of_class(
+    /// Samples of the ball's colour from which a ball may be filled, each with its ray's azimuth, turns: the nearest of
+    /// each run along a ray that follows carpet, is no longer than a ball and does not continue on both sides.
+    ///
+    /// A wooden floor around the carpet has the ball's colour as well, and filling it would cost more than all else.
+    pub(crate) fn ball_seeds(
         &self,
-        class: ColourClass,
+        config: &ObjectDetectionConfig,
     ) -> impl Iterator<Item = (f32, &RaySample)> {
-        let ends = self.starts.windows(2).enumerate();
-        ends.flat_map(move |(ray, ends)| {
-            let turns = ray as f32 / self.count() as f32;
-            let classes = &self.classes[ends[0]..ends[1]];
+        let turns = move |ray: usize| ray as f32 / self.count() as f32;
+        (0..self.count()).flat_map(move |ray| {
+            let (start, end) = (self.starts[ray], self.starts[ray + 1]);
             // Most rays have none: this fold vectorises.
-            let any = classes
+            let any = self.classes[start..end]
                 .iter()
-                .fold(false, |any, &found| any | (found == class));
-            let here = if any { ends[0]..ends[1] } else { 0..0 };
-            here.filter(move |&index| self.classes[index] == class)
-                .map(move |index| (turns, &self.samples[index]))
+                .fold(false, |any, &class| any | (class == ColourClass::BALL));
+            let mut index = if any { start } else { end };
+            std::iter::from_fn(move || {
+                while index < end {
+                    let run = self.ball_run(index, end);
+                    index = run.end;
+                    let before = start.max(run.start.saturating_sub(FLOOR_SAMPLES))..run.start;
+                    let on_carpet = self.classes[before].contains(&ColourClass::CARPET);
+                    if !run.is_empty() && on_carpet && self.is_ball_sized(ray, &run, config) {
+                        return Some((turns(ray), &self.samples[run.start]));
+                    }
+                }
+                None
+            })
         })
     }
 
-    fn find_carpet_end(&self, ray: usize, config: &ObjectConfig) -> CarpetEnd {
+    /// The next run of the ball's colour from a sample on; empty at `end` if there is none.
+    fn ball_run(&self, from: usize, end: usize) -> Range<usize> {
+        let is_ball = |index: &usize| self.classes[*index] == ColourClass::BALL;
+        let Some(first) = (from..end).find(is_ball) else {
+            return end..end;
+        };
+        let mut last = first;
+        while let Some(next) = (last + 1..end.min(last + 2 + BALL_GAP_SAMPLES)).find(is_ball) {
+            last = next;
+        }
+        first..last + 1
+    }
+
+    /// True if a run along a ray is not much longer than a ball and ends on at least one side of it.
+    fn is_ball_sized(
+        &self,
+        ray: usize,
+        run: &Range<usize>,
+        config: &ObjectDetectionConfig,
+    ) -> bool {
+        let height = config.viewpoint_height;
+        let near = self.samples[run.start].range;
+        if !near.is_finite() {
+            return false;
+        }
+        let slant = math::hypot(near, height - config.ball_radius);
+        let far = self.samples[run.end - 1].range;
+        let covered = math::atan2(far, height) - math::atan2(near, height);
+        let ball = 2.0 * config.ball_radius / slant;
+        // The first and last sample stand for half a step more each.
+        let steps = (run.len() - 1).max(1) as f32;
+        if covered > BALL_EXTENTS_MAX * ball
+            || run.len() > 1 && covered * (steps + 1.0) / steps < BALL_EXTENTS_MIN * ball
+        {
+            return false;
+        }
+        let ray_angle = TAU / self.count() as f32;
+        let aside =
+            (BALL_EXTENTS_MAX * config.ball_radius / (near * ray_angle)).ceil() as usize + 1;
+        let middle = usize::midpoint(run.start, run.end - 1);
+        let continues = |ray: usize| {
+            let ray = ray % self.count();
+            // Rays may start at different radii, so the sample is sought by its range.
+            let samples = self.starts[ray]..self.starts[ray + 1];
+            let range = self.samples[middle].range;
+            let at = self.samples[samples.clone()].partition_point(|sample| sample.range < range);
+            let at = samples.start + at;
+            (at.saturating_sub(1)..at + 2)
+                .any(|index| index < samples.end && self.classes[index] == ColourClass::BALL)
+        };
+        !(aside < self.count() / 4
+            && continues(ray + aside)
+            && continues(ray + self.count() - aside))
+    }
+
+    fn find_carpet_end(&self, ray: usize, config: &ObjectDetectionConfig) -> CarpetEnd {
         let (start, end) = (self.starts[ray], self.starts[ray + 1]);
         let classes = &self.classes[..end];
         let endless = |carpet| CarpetEnd {

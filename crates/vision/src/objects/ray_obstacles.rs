@@ -3,7 +3,7 @@
 use localize::math;
 
 use crate::colour::lookup_table::ColourClass;
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
 
 /// Obstacle of one ray.
@@ -39,7 +39,7 @@ pub(crate) fn range_step_max(range: f32) -> f32 {
 pub(crate) fn find_ray_obstacles(
     rays: &RadialScan,
     carpet_ends: &[CarpetEnd],
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
 ) -> Vec<Option<RayObstacle>> {
     let mut obstacles: Vec<Option<RayObstacle>> = (0..rays.count())
         .map(|ray| {
@@ -57,7 +57,7 @@ fn find_obstacle_beyond_carpet(
     rays: &RadialScan,
     carpet_end: &CarpetEnd,
     end: usize,
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
 ) -> Option<RayObstacle> {
     if !(carpet_end.carpet_seen && carpet_end.range <= config.robot_range_max) {
         return None;
@@ -94,7 +94,7 @@ fn find_obstacle_beyond_carpet(
 }
 
 /// One past the last sample that may be a line, starting at `from`.
-fn skip_lines(rays: &RadialScan, from: usize, end: usize, config: &ObjectConfig) -> usize {
+fn skip_lines(rays: &RadialScan, from: usize, end: usize, config: &ObjectDetectionConfig) -> usize {
     let mut gap = 0.0;
     let within = |sample: &usize| {
         gap += weighted_ground_step(rays, *sample);
@@ -117,7 +117,7 @@ fn weighted_ground_step(rays: &RadialScan, sample: usize) -> f32 {
 fn find_obstacle_at_robot(
     rays: &RadialScan,
     all: std::ops::Range<usize>,
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
 ) -> Option<RayObstacle> {
     let classes = &rays.classes[all.clone()];
     let clear = |pair: &[ColourClass; 2]| *pair == [ColourClass::CARPET; 2];
@@ -173,7 +173,7 @@ fn is_robot_colour(class: ColourClass) -> bool {
 /// neighbour.
 ///
 /// The mirror's own rods appear in fixed directions.
-fn replace_thin_obstacles(obstacles: &mut [Option<RayObstacle>], config: &ObjectConfig) {
+fn replace_thin_obstacles(obstacles: &mut [Option<RayObstacle>], config: &ObjectDetectionConfig) {
     let count = obstacles.len();
     let ray_angle = std::f32::consts::TAU / count as f32;
     for first in 0..count {

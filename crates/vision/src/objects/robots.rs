@@ -6,7 +6,7 @@ use localize::frames::{At, RobotFrame};
 use localize::math;
 use localize::world::TeamColour;
 
-use crate::config::ObjectConfig;
+use crate::config::ObjectDetectionConfig;
 use crate::objects::covariance::covariance_from_polar;
 use crate::objects::ground_contact::{GroundContact, GroundContactSearch};
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
@@ -51,7 +51,7 @@ pub(crate) fn detect_robots(
     rays: &RadialScan,
     carpet_ends: &[CarpetEnd],
     contact_search: &GroundContactSearch<'_>,
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
 ) -> Vec<RobotDetection> {
     let obstacles = find_ray_obstacles(rays, carpet_ends, config);
     let count = obstacles.len();
@@ -95,7 +95,7 @@ pub(crate) fn detect_robots(
 fn split_group(
     obstacles: &[Option<RayObstacle>],
     group: &[usize],
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
     found: &mut impl FnMut(&[usize]),
 ) {
     let range = |index: usize| obstacles[group[index]].map_or(f32::INFINITY, |c| c.smoothed_range);
@@ -147,7 +147,7 @@ fn build_robot(
     contact_search: &GroundContactSearch<'_>,
     obstacles: &[Option<RayObstacle>],
     group: &[usize],
-    config: &ObjectConfig,
+    config: &ObjectDetectionConfig,
 ) -> Option<RobotDetection> {
     let members: Vec<RayObstacle> = group.iter().filter_map(|&ray| obstacles[ray]).collect();
     let nearest = *members.iter().min_by(|a, b| a.range.total_cmp(&b.range))?;

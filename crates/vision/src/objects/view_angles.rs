@@ -8,7 +8,7 @@ use std::f32::consts::TAU;
 use localize::math;
 
 use crate::optics::ground_map::GroundMap;
-use crate::optics::image_polar::nearest_pixel;
+use crate::optics::image_polar::{nearest_pixel, wrap_turns};
 
 /// Azimuths of the table.
 const AZIMUTHS: usize = 360;
@@ -70,7 +70,7 @@ impl ViewAngles {
 
     /// The radii along one azimuth.
     pub(crate) fn ray(&self, azimuth: f32) -> Ray<'_> {
-        let turns = (azimuth / TAU).rem_euclid(1.0) * AZIMUTHS as f32;
+        let turns = wrap_turns(azimuth / TAU) * AZIMUTHS as f32;
         let (before, across) = (turns as usize % AZIMUTHS, turns.fract());
         let after = (before + 1) % AZIMUTHS;
         let radii = |azimuth: usize| &self.radius_px[azimuth * ANGLES..(azimuth + 1) * ANGLES];

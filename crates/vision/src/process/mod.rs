@@ -338,17 +338,22 @@ impl Vision {
             carpet_end: &detections.carpet_end,
             centre_px: self.centre_px,
         };
-        let seeds = self.radial_scan.samples_of_class(ColourClass::BALL);
-        let seeds = seeds
-            // A ball's upper pixels map to ground up to 1.5 times as far as the ball.
-            .filter(|(turns, sample)| !ball_detector.is_beyond_carpet(*turns, sample.range / 1.5))
-            .map(|(_, sample)| [sample.u, sample.v]);
-        let by_colour = ball_detector.detect(seeds, &mut self.visited_mask);
-        let rejected = &mut detections.rejected_objects;
-        let mut balls = self
-            .pixel_stage
-            .detect_balls(stage_input, by_colour, rejected)
-            .into_iter();
+        let is_beyond = |turns, range| ball_detector.is_beyond_carpet(turns, range);
+        let mut balls = self.pixel_stage.detect_balls(stage_input, is_beyond);
+        if balls.is_empty() {
+            // In the air, at the robot's feet, or farther than the network looks: the ball's colour finds it.
+            let seeds = self.radial_scan.ball_seeds(&self.config.objects);
+            let seeds = seeds
+                .filter(|(turns, sample)| !is_beyond(*turns, sample.range))
+                .map(|(_, sample)| [sample.u, sample.v]);
+            let by_colour = ball_detector.detect(seeds, &mut self.visited_mask);
+            let rejected = &mut detections.rejected_objects;
+            balls.extend(by_colour.and_then(|ball| {
+                self.pixel_stage
+                    .judge_ball_by_colour(stage_input, ball, rejected)
+            }));
+        }
+        let mut balls = balls.into_iter();
         detections.ball = balls.next();
         detections.other_balls = balls.collect();
         let ball_px = detections.ball.map(|ball| ball.position_px);

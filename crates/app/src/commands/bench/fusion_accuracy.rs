@@ -7,7 +7,7 @@ use anyhow::{Context, Result, ensure};
 use localize::Field;
 use localize::robot::RobotConfig;
 use localize::synthetic::team_ball::{TeamExperiment, evaluate_team_ball};
-use sim::fusion_experiment::{Course, Estimator, FusionExperiment};
+use sim::fusion_experiment::{Disturbance, Estimator, FusionExperiment};
 
 use super::measure::BenchFigure;
 use crate::eval::vision;
@@ -28,14 +28,14 @@ pub(super) fn measure_fusion_and_team(figures: &mut Vec<BenchFigure>) -> Result<
     let field = Field::load(&robot.field)?;
     let experiment = FusionExperiment {
         seeds: 1..4,
-        disturbances: vec![Course::All, Course::Late],
+        disturbances: vec![Disturbance::All, Disturbance::Late],
         estimators: vec![Estimator::Joint],
         ..FusionExperiment::default()
     };
     let rows = experiment.run(&robot, &field)?;
-    let of = |course| rows.iter().find(|row| row.course == course);
-    let (all, late) = of(Course::All)
-        .zip(of(Course::Late))
+    let of = |course| rows.iter().find(|row| row.disturbance == course);
+    let (all, late) = of(Disturbance::All)
+        .zip(of(Disturbance::Late))
         .context("a course is missing")?;
     let cm = |metres: f32| 100.0 * f64::from(metres);
     figures.extend([

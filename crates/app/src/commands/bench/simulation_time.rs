@@ -10,7 +10,7 @@ use localize::robot::CameraConfig;
 use localize::world::TeamColour;
 use localize::{At, Field, Pose};
 use sim::Scenario;
-use sim::render::{CameraMotion, Renderer, RendererConfig, Scene};
+use sim::render::{CameraMotion, Renderer, RendererConfig, Scene, SceneBall};
 use sim::world::RobotState;
 use vision::Profile;
 
@@ -81,7 +81,7 @@ impl DemoScene {
                 RobotState {
                     pose,
                     velocity: [0.0; 2],
-                    omega: 0.0,
+                    yaw_rate: 0.0,
                     team,
                 }
             })
@@ -117,7 +117,11 @@ impl DemoScene {
             pose: Pose::new(4.0, 0.3, heading),
             motion: DRIVING,
             robots: &self.robots,
-            ball: Some((At::new(2.5, 1.5), ball.diameter, ball.colour)),
+            ball: Some(SceneBall {
+                at: At::new(2.5, 1.5),
+                diameter: ball.diameter,
+                colour: ball.colour,
+            }),
             ..Scene::default()
         };
         renderer.render(&scene, &self.scenario.film, rgb);

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use localize::Field;
 use localize::robot::{CameraSection, RobotConfig};
-use vision::calibrate::{ImageResidual, NamedImage, calibrate_lines, calibrate_unknown_mirror};
+use vision::calibrate::{
+    ImageResidual, LinesCalibration, NamedImage, calibrate_lines, calibrate_unknown_mirror,
+};
 
 use super::images::load_drive_images;
 use super::map::{FoundCamera, Outcome, outcome, save};
@@ -65,19 +67,10 @@ pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec
         &PipelineConfig::default().vision,
     )
     .with_context(|| args.dir.display().to_string())?;
-    let picture = args.picture.as_deref();
-    save(
-        &calibration.map,
-        &args.out,
-        picture,
-        images.first().map(|image| &image.image),
-    )?;
-    let outcome = Outcome {
-        rms_m: Some(calibration.rms),
-        inlier_share: Some(calibration.inlier_share),
-        ..outcome(&calibration.images, &args.out)
-    };
-    Ok((outcome, calibration.images))
+    Ok((
+        save_calibration(args, &calibration, &images)?,
+        calibration.images,
+    ))
 }
 
 fn calibrate_from_nothing(
@@ -100,16 +93,7 @@ fn calibrate_from_nothing(
     bar.finish_and_clear();
     let found = found.with_context(|| args.dir.display().to_string())?;
     let calibration = found.calibration;
-    let picture = args.picture.as_deref();
-    save(
-        &calibration.map,
-        &args.out,
-        picture,
-        images.first().map(|image| &image.image),
-    )?;
     let outcome = Outcome {
-        rms_m: Some(calibration.rms),
-        inlier_share: Some(calibration.inlier_share),
         camera: Some(FoundCamera {
             centre_px: found.camera.centre_px,
             forward_deg: found.camera.forward_deg,
@@ -117,9 +101,24 @@ fn calibrate_from_nothing(
             outer_radius_px: found.rim.map(|rim| rim.radius_px),
         }),
         disagreement_m: found.disagreement.map(|apart| [apart.near, apart.far]),
-        ..outcome(&calibration.images, &args.out)
+        ..save_calibration(args, &calibration, &images)?
     };
     Ok((outcome, calibration.images))
+}
+
+/// Writes the map, and the picture if wanted.
+fn save_calibration(
+    args: &LinesArgs,
+    calibration: &LinesCalibration,
+    images: &[NamedImage],
+) -> Result<Outcome> {
+    let image = images.first().map(|image| &image.image);
+    save(&calibration.map, &args.out, args.picture.as_deref(), image)?;
+    Ok(Outcome {
+        rms_m: Some(calibration.rms),
+        inlier_share: Some(calibration.inlier_share),
+        ..outcome(&calibration.images, &args.out)
+    })
 }
 
 /// The fields that come with the program; none if its folder is missing.

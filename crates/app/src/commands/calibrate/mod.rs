@@ -1,20 +1,25 @@
-//! `mirrorball calibrate`: rim, ground map from a strip or a drive, colours, mask of the robot's body, sizes, and compass.
+//! `mirrorball calibrate`: rim, ground map from a strip or a drive, colours, mask of the robot's body, sizes, wheels, inertial
+//! unit, latency and compass.
 
 mod colours;
 mod compass;
+mod drive;
 mod images;
+mod imu;
+mod latency;
 mod lines;
 mod map;
 mod mask;
 mod rim;
 mod sizes;
+mod wheels;
 
 use anyhow::Result;
 
 pub(crate) use lines::{LinesArgs, calibrate_map_from_lines};
 pub(crate) use map::{MapArgs, Outcome, calibrate_map};
 
-/// Calibrate ground map, colours, mask and sizes of the camera, and the compass.
+/// Calibrate the camera (rim, ground map, colours, mask, sizes, latency), the wheels, the inertial unit and the compass.
 #[derive(clap::Args)]
 #[command(subcommand_required = true, arg_required_else_help = true)]
 pub(crate) struct Args {
@@ -31,6 +36,9 @@ enum CalibrateCommand {
     Mask(mask::MaskArgs),
     Sizes(sizes::SizesArgs),
     Compass(compass::CompassArgs),
+    Wheels(wheels::WheelsArgs),
+    Imu(imu::ImuArgs),
+    Latency(latency::LatencyArgs),
 }
 
 /// Runs the command.
@@ -43,6 +51,9 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         CalibrateCommand::Mask(args) => return mask::run(args, json),
         CalibrateCommand::Sizes(args) => return sizes::run(args, json),
         CalibrateCommand::Compass(args) => return compass::run(args, json),
+        CalibrateCommand::Wheels(args) => return wheels::run(args, json),
+        CalibrateCommand::Imu(args) => return imu::run(args, json),
+        CalibrateCommand::Latency(args) => return latency::run(args, json),
     };
     if json {
         println!("{}", serde_json::to_string(&outcome)?);

@@ -232,7 +232,7 @@ fn check_vision(setup: &Setup, image: hw::camera::CapturedImage) -> Finding {
     match result {
         Err(error) => bad(format!("{error:#}")),
         Ok(None) => bad("no image was processed".to_owned()),
-        Ok(Some(cycle)) => match cycle.fault {
+        Ok(Some(cycle)) => match cycle.image_fault {
             Some(fault) => bad(fault),
             None => {
                 let points = cycle.line_points.len();

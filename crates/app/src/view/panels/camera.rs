@@ -272,7 +272,7 @@ fn to_color_image(image: &Image) -> ColorImage {
 }
 
 fn missing_image_text(cycle: &Cycle) -> String {
-    match &cycle.fault {
+    match &cycle.image_fault {
         Some(fault) => format!("no image: {fault}"),
         None => "no image in this cycle".to_owned(),
     }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Ui};
 use localize::Pose;
 use localize::omni::Twist;
+use sim::Sector;
 use sim::scenario::FaultKind;
 
 use crate::view::accessibility::AccessibleLabel;
@@ -36,7 +37,7 @@ pub(crate) struct SimulatorPanel {
     kick_speed: f32,
     kick_deg: f32,
     light: Option<f32>,
-    occlusion: Option<(f32, f32)>,
+    occlusion_deg: Option<(f32, f32)>,
     faults: [bool; FAULTS.len()],
     wheel: usize,
     manual_drive: bool,
@@ -55,7 +56,7 @@ impl Default for SimulatorPanel {
             kick_speed: 6.0,
             kick_deg: 0.0,
             light: None,
-            occlusion: None,
+            occlusion_deg: None,
             faults: [false; FAULTS.len()],
             wheel: 0,
             manual_drive: false,
@@ -98,7 +99,7 @@ impl SimulatorPanel {
                     if ui.button("Restart").clicked() {
                         worker.request(SourceRequest::Restart(*seed));
                         self.faults = [false; FAULTS.len()];
-                        (self.light, self.occlusion) = (None, None);
+                        (self.light, self.occlusion_deg) = (None, None);
                     }
                 });
                 ui.separator();
@@ -212,7 +213,7 @@ impl SimulatorPanel {
         &mut self,
         ui: &mut Ui,
         worker: &SimWorker,
-        image_sensor: sim::image_sensor::FilmConfig,
+        image_sensor: sim::image_sensor::ImageSensorConfig,
     ) {
         let mut manual = self.light.is_some();
         ui.horizontal(|ui| {
@@ -251,12 +252,12 @@ impl SimulatorPanel {
             worker.request(SourceRequest::SetImageSensor(edited));
         }
         ui.horizontal(|ui| {
-            let mut enabled = self.occlusion.is_some();
+            let mut enabled = self.occlusion_deg.is_some();
             let mut changed = ui.checkbox(&mut enabled, "Occlusion").changed();
             if changed {
-                self.occlusion = enabled.then_some((0.0, 90.0));
+                self.occlusion_deg = enabled.then_some((0.0, 90.0));
             }
-            if let Some((centre, width)) = &mut self.occlusion {
+            if let Some((centre, width)) = &mut self.occlusion_deg {
                 let centre = egui::DragValue::new(centre).suffix("°").prefix("at ");
                 changed |= ui
                     .add(centre)
@@ -269,7 +270,10 @@ impl SimulatorPanel {
                     .changed();
             }
             if changed {
-                worker.request(SourceRequest::SetOcclusion(self.occlusion));
+                let sector = self
+                    .occlusion_deg
+                    .map(|(centre, width)| Sector::from_degrees(centre, width));
+                worker.request(SourceRequest::SetOcclusion(sector));
             }
         });
     }

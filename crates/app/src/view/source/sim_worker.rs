@@ -9,7 +9,8 @@ use anyhow::Result;
 use localize::Pose;
 use localize::frames::{At, FieldFrame};
 use localize::omni::Twist;
-use sim::image_sensor::FilmConfig;
+use sim::Sector;
+use sim::image_sensor::ImageSensorConfig;
 use sim::scenario::FaultKind;
 
 use super::decoded_cycle::DecodedCycle;
@@ -46,9 +47,9 @@ pub(crate) enum SourceRequest {
     /// Light level; None restores the scenario's.
     SetLightLevel(Option<f32>),
     /// Black sector in the image: centre and width, degrees.
-    SetOcclusion(Option<(f32, f32)>),
+    SetOcclusion(Option<Sector>),
     /// Image sensor settings.
-    SetImageSensor(FilmConfig),
+    SetImageSensor(ImageSensorConfig),
     /// Commanded velocity; None restores the scenario's motion.
     Drive(Option<Twist>),
     /// Starts or ends a sensor fault. The index selects the wheel.
@@ -73,7 +74,7 @@ pub(crate) struct SimStatus {
     /// Requested simulated seconds per second.
     pub(crate) speed: f64,
     /// Image sensor settings.
-    pub(crate) image_sensor: FilmConfig,
+    pub(crate) image_sensor: ImageSensorConfig,
     /// Why the last request failed.
     pub(crate) error: Option<String>,
 }

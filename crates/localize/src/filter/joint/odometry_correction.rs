@@ -13,8 +13,8 @@ pub(super) const fn entry(i: usize, j: usize) -> usize {
 
 /// Distance of the wheels from the centre that relates errors of rotation to errors of translation, metres.
 const BASE_RADIUS: f32 = 0.25;
-/// Unit of an entry: 1, m/rad or rad/m.
-pub(super) fn unit(i: usize, j: usize) -> f32 {
+/// Scale of an entry: 1, m/rad or rad/m.
+pub(super) fn entry_scale(i: usize, j: usize) -> f32 {
     match (i, j) {
         (2, 0 | 1) => 1.0 / BASE_RADIUS,
         (0 | 1, 2) => BASE_RADIUS,
@@ -37,7 +37,7 @@ fn initial_std(i: usize, j: usize, config: &FilterConfig) -> f32 {
 pub(super) fn initialize(state: &mut State, covariance: &mut Covariance, config: &FilterConfig) {
     for i in 0..3 {
         for j in 0..3 {
-            let std = initial_std(i, j, config) * unit(i, j);
+            let std = initial_std(i, j, config) * entry_scale(i, j);
             state[entry(i, j)] = f32::from(u8::from(i == j));
             covariance[entry(i, j)][entry(i, j)] = std * std;
         }

@@ -1,7 +1,7 @@
 //! Process noise Q of the joint filter (docs/methods.md 8.4).
 
 use super::JointFilter;
-use super::odometry_correction::{entry, unit};
+use super::odometry_correction::{entry, entry_scale};
 use super::predict::{ImuStep, PlanarStep};
 use super::state::{
     ACCELEROMETER_BIAS, GYRO_BIAS, POSE, SLIP, TILT, TWIST, WHEEL_INCREMENT, YAW_RATE,
@@ -170,7 +170,7 @@ impl JointFilter {
         }
         for i in 0..3 {
             for j in 0..3 {
-                let drift = config.odometry_scale_drift * unit(i, j);
+                let drift = config.odometry_scale_drift * entry_scale(i, j);
                 self.inflate_variance(entry(i, j), drift * drift * dt);
             }
         }

@@ -23,7 +23,7 @@ use mcap::records::{Record, op};
 use super::encoded_image::EncodedImage;
 use super::index::{read_summary, scan_chunks};
 use super::mcap_records::{
-    LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
+    LogCompleteness, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
 };
 use super::schema::{PROJECT_NAME, decode_compressed_image};
 use layout::Schema;
@@ -42,7 +42,7 @@ pub struct TopicReader {
     chunks: Vec<Chunk>,
     channels: HashMap<u16, String>,
     topics: BTreeMap<String, Topic>,
-    end: LogEnd,
+    end: LogCompleteness,
 }
 
 struct Chunk {
@@ -88,7 +88,7 @@ impl TopicReader {
             chunks: Vec::new(),
             channels: HashMap::new(),
             topics: BTreeMap::new(),
-            end: LogEnd::Complete,
+            end: LogCompleteness::Complete,
         };
         match read_summary(path) {
             Ok(Some(summary)) => reader.use_summary(&summary),
@@ -122,7 +122,7 @@ impl TopicReader {
 
     /// Reads every complete chunk once, to find topics and to count messages.
     fn scan_truncated(&mut self) -> Result<()> {
-        self.end = LogEnd::Truncated;
+        self.end = LogCompleteness::Truncated;
         let chunks = scan_chunks(&self.path)?.into_iter().map(|chunk| Chunk {
             offset: chunk.offset,
             length: chunk.length,
@@ -180,7 +180,7 @@ impl TopicReader {
     }
 
     /// How the file ends.
-    pub fn end(&self) -> LogEnd {
+    pub fn end(&self) -> LogCompleteness {
         self.end
     }
 

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::feed::Pace;
 use crate::log::{
-    Header, ImageCompression, LogConfig, LogEnd, LogIndex, LogReader, Recorder, recover,
+    Header, ImageCompression, LogCompleteness, LogConfig, LogIndex, LogReader, Recorder, recover,
 };
 use crate::testing::{field, random_cycle, read, read_error, record};
 
@@ -39,7 +39,7 @@ fn truncated_log_reads_to_its_last_complete_chunk_and_is_recovered() {
             .last(),
         before.last().map(|logged| logged.index)
     );
-    assert_eq!(log.end(), Some(LogEnd::Complete));
+    assert_eq!(log.end(), Some(LogCompleteness::Complete));
     let bytes = std::fs::read(&whole).expect("bytes");
     let summary = mcap::Summary::read(&bytes)
         .expect("readable")
@@ -206,7 +206,7 @@ fn a_log_whose_writer_is_killed_can_be_read() {
         .by_ref()
         .map(|logged| logged.expect("a cycle").index)
         .collect::<Vec<_>>();
-    assert_eq!(log.end(), Some(LogEnd::Truncated));
+    assert_eq!(log.end(), Some(LogCompleteness::Truncated));
     assert!(
         cycles.len() > 10 && cycles.iter().copied().eq(0..cycles.len() as u64),
         "{}",

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use mcap::records::{MessageHeader, Metadata};
 
-use crate::log::{EncodedImage, LogConfig, LogEnd, LogIndex, LoggedCycle};
+use crate::log::{EncodedImage, LogCompleteness, LogConfig, LogIndex, LoggedCycle};
 use crate::testing::{random_cycle, read, record};
 
 /// All cycles, chunk by chunk.
@@ -26,7 +26,7 @@ fn indexed_chunks_equal_sequential_read() {
     let path = folder.path().join("a.mcap");
     record(&path, 200, &LogConfig::default());
     let index = LogIndex::open(&path).expect("an index");
-    assert_eq!(index.end(), LogEnd::Complete);
+    assert_eq!(index.end(), LogCompleteness::Complete);
     assert!(index.chunks().len() > 3, "{} chunks", index.chunks().len());
     let (jumped, walked) = (all(&index), read(&path));
     assert_eq!(jumped.len(), walked.len());
@@ -49,7 +49,7 @@ fn truncated_log_is_indexed_to_its_last_complete_chunk() {
     let bytes = std::fs::read(&path).expect("bytes");
     std::fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).expect("cut");
     let index = LogIndex::open(&cut).expect("an index");
-    assert_eq!(index.end(), LogEnd::Truncated);
+    assert_eq!(index.end(), LogCompleteness::Truncated);
     assert_eq!(all(&index).len(), read(&cut).len());
     assert!(index.warnings().iter().any(|line| line.contains("is cut")));
 }

@@ -9,8 +9,8 @@ use crate::cycle::{Cycle, Inputs};
 use crate::feed::Pace;
 use crate::log::verify::first_difference;
 use crate::log::{
-    Header, ImageCompression, LogConfig, LogEnd, LogReader, Recorder, VerificationReport, export,
-    verify,
+    Header, ImageCompression, LogCompleteness, LogConfig, LogReader, Recorder, VerificationReport,
+    export, verify,
 };
 use crate::pipeline::Pipeline;
 use crate::recording::Recording;
@@ -86,7 +86,7 @@ fn export_writes_a_complete_recording_or_nothing() {
     let exported = export(LogReader::open(&path).expect("a log"), &out).expect("exported");
     assert_eq!(
         (exported.frames, exported.odometry, exported.end),
-        (5, 15, LogEnd::Complete)
+        (5, 15, LogCompleteness::Complete)
     );
     let frames = std::fs::read_to_string(out.join("frames.csv")).expect("frames");
     assert_eq!(frames.lines().nth(2), Some("0.033333333,frames/000001.png"));

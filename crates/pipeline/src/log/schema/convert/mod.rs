@@ -41,7 +41,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         world,
         team,
         exposure,
-        fault,
+        image_fault: fault,
         timings,
     } = cycle;
     let Inputs {
@@ -52,8 +52,8 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         reports,
         truth,
         image: _,
-        setting,
-        settings,
+        exposure_setting: setting,
+        changed_config_toml: settings,
     } = inputs;
     wire::Cycle {
         index,
@@ -121,8 +121,8 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
                 .collect::<Result<_>>()?,
             truth: cycle.truth.map(ground_truth_from_wire).transpose()?,
             image: None,
-            setting: sensors::camera_setting(cycle.reported_exposure, cycle.reported_gain),
-            settings: cycle.settings.map(Into::into),
+            exposure_setting: sensors::camera_setting(cycle.reported_exposure, cycle.reported_gain),
+            changed_config_toml: cycle.settings.map(Into::into),
         },
         detections: cycle.seen.map(detections_from_wire).transpose()?,
         line_points: line_points_from_wire(cycle.points)?,
@@ -130,7 +130,7 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
         world: world::world_from_wire(&cycle.world)?,
         team: team::team_from_wire(&cycle.team)?,
         exposure: cycle.exposure.as_ref().map(exposure_from_wire),
-        fault: cycle.fault,
+        image_fault: cycle.fault,
         timings: Timings {
             see_ms: cycle.see_ms,
             localize_ms: cycle.localize_ms,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// league robots: soft lines, noise that demosaicing correlates, a slight colour cast.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct FilmConfig {
+pub struct ImageSensorConfig {
     /// Exposure time, relative to the one that suits light of level 1.
     pub exposure: f32,
     /// Gain, which amplifies signal and noise.
@@ -44,9 +44,9 @@ pub struct FilmConfig {
     pub jpeg_quality: u8,
 }
 
-impl Default for FilmConfig {
+impl Default for ImageSensorConfig {
     fn default() -> Self {
-        FilmConfig {
+        ImageSensorConfig {
             exposure: 1.0,
             gain: 1.0,
             white_balance: [0.75, 1.0, 0.88],
@@ -67,10 +67,10 @@ impl Default for FilmConfig {
     }
 }
 
-impl FilmConfig {
+impl ImageSensorConfig {
     /// Settings of an ideal camera: sharp, without noise, scattering, vignetting, mosaic and motion blur. For tests.
     pub fn ideal() -> Self {
-        FilmConfig {
+        ImageSensorConfig {
             white_balance: [1.0; 3],
             vignetting: 0.0,
             full_well: 1e9,
@@ -82,7 +82,7 @@ impl FilmConfig {
             bloom: 0.0,
             shutter: 0.0,
             bayer: false,
-            ..FilmConfig::default()
+            ..ImageSensorConfig::default()
         }
     }
 

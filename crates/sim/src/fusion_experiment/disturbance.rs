@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Disturbances of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Course {
+pub enum Disturbance {
     /// Waypoints at up to 2 m/s, wheels 3 % smaller than configured.
     Plain,
     /// Plain, with motors stronger than the wheels' traction.
@@ -26,18 +26,18 @@ pub enum Course {
     UnknownLatency,
 }
 
-impl Course {
+impl Disturbance {
     /// All, in the order of the table.
-    pub const ALL: [Course; 9] = [
-        Course::Plain,
-        Course::Slip,
-        Course::Hits,
-        Course::Lean,
-        Course::Blind,
-        Course::UnequalWheels,
-        Course::All,
-        Course::Late,
-        Course::UnknownLatency,
+    pub const ALL: [Disturbance; 9] = [
+        Disturbance::Plain,
+        Disturbance::Slip,
+        Disturbance::Hits,
+        Disturbance::Lean,
+        Disturbance::Blind,
+        Disturbance::UnequalWheels,
+        Disturbance::All,
+        Disturbance::Late,
+        Disturbance::UnknownLatency,
     ];
 }
 

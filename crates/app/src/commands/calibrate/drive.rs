@@ -1,0 +1,175 @@
+//! What does a drive tell about the robot? Samples of wheels and inertial unit, and poses by the line points alone.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use localize::robot::RobotConfig;
+use localize::sample::{Imu, Odometry};
+use localize::sensors::wheel_calibration::VisionPose;
+use localize::{DistanceField, Stamp};
+use pipeline::config::PIPELINE_FILE;
+use pipeline::log::LogReader;
+use pipeline::run::{RecordingOptions, RecordingRun};
+use pipeline::setup::Setup;
+use pipeline::{Cycle, PipelineConfig};
+
+use crate::commands::arguments::UsageError;
+use crate::commands::locate::EXTERNAL_POINT_STD;
+use crate::interrupt;
+
+/// Where a calibration reads a drive, and where it writes.
+#[derive(clap::Args)]
+pub(super) struct DriveArgs {
+    /// A recording folder or a log.
+    #[arg(value_name = "DIR|LOG")]
+    pub(super) drive: PathBuf,
+    /// File for the calibration (TOML), for `include` of robot.toml.
+    #[arg(long, value_name = "FILE.toml")]
+    pub(super) out: PathBuf,
+}
+
+/// A drive, as its sensors measured it.
+pub(super) struct Drive {
+    /// The robot, with the calibration that the samples do not contain.
+    pub(super) robot: RobotConfig,
+    pub(super) odometry: Vec<Odometry>,
+    pub(super) imu: Vec<Imu>,
+    /// Empty if only the sensors were wanted.
+    pub(super) poses: Vec<VisionPose>,
+}
+
+/// Largest distance of a pose by the points from the tracked one, metres and radians: another place fits them as well.
+const DEVIATION_MAX: (f32, f32) = (0.3, 0.15);
+/// Smallest share of the points on markings.
+const INLIER_SHARE_MIN: f32 = 0.5;
+/// Error of the tracked pose from which a match starts, metres.
+const START_ERROR: f32 = 0.1;
+/// Parameters that the points must determine: the pose.
+const DETERMINED_MIN: f32 = 2.5;
+
+impl Drive {
+    /// Reads a drive and the poses of its images.
+    pub(super) fn load(path: &Path) -> Result<Self> {
+        interrupt::install_handler()?;
+        let drive = if path.is_dir() {
+            load_recording(path)?
+        } else if path.is_file() {
+            load_log(path)?
+        } else {
+            let place = path.display();
+            return Err(UsageError(format!("{place} is neither a folder nor a log")).into());
+        };
+        ensure!(
+            !drive.odometry.is_empty(),
+            "{}: no wheel motion (odometry.csv of a folder)",
+            path.display()
+        );
+        Ok(drive)
+    }
+}
+
+fn load_recording(folder: &Path) -> Result<Drive> {
+    let config = PipelineConfig::default();
+    let setup = Setup::load(&folder.join("robot.toml"), None)?;
+    let mut collector = Collector::new(&setup, &config);
+    let run = RecordingRun::open(&RecordingOptions {
+        folder: folder.to_owned(),
+        map: None,
+        save_map: None,
+        config,
+        external_point_std: EXTERNAL_POINT_STD,
+    })?;
+    for warning in &run.setup_report().warnings {
+        eprintln!("warning: {warning}");
+    }
+    let bar = crate::progress::bar(run.frames() as u64, "frames");
+    run.run(|cycle| {
+        collector.add_cycle(cycle);
+        bar.inc(1);
+        interrupt::check()
+    })?;
+    bar.finish_and_clear();
+    Ok(collector.finish(setup.robot))
+}
+
+fn load_log(path: &Path) -> Result<Drive> {
+    let log = LogReader::open(path)?;
+    let folder =
+        tempfile::tempdir().context("cannot make a temporary folder for the log's files")?;
+    log.header().write_files(folder.path())?;
+    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
+    let settings = folder.path().join(PIPELINE_FILE);
+    let config = PipelineConfig::load("default", settings.exists().then_some(&*settings))?;
+    let mut collector = Collector::new(&setup, &config);
+    for logged in log {
+        collector.add_cycle(&logged?.cycle);
+        interrupt::check()?;
+    }
+    Ok(collector.finish(setup.robot))
+}
+
+/// Collects the samples of cycles, and matches their line points again without wheels.
+struct Collector {
+    distances: DistanceField,
+    matcher: localize::matching::Matcher,
+    odometry: Vec<Odometry>,
+    imu: Vec<Imu>,
+    poses: Vec<VisionPose>,
+}
+
+impl Collector {
+    fn new(setup: &Setup, config: &PipelineConfig) -> Self {
+        let mut matching = config.localize.matching.clone();
+        if let Some(height) = setup.viewpoint_height {
+            matching.viewpoint_height = height;
+        }
+        Collector {
+            distances: DistanceField::new(&setup.field, &config.localize.distance_field),
+            matcher: localize::matching::Matcher::new(matching),
+            odometry: Vec::new(),
+            imu: Vec::new(),
+            poses: Vec::new(),
+        }
+    }
+
+    fn add_cycle(&mut self, cycle: &Cycle) {
+        self.odometry.extend(&cycle.inputs.odometry);
+        self.imu.extend(&cycle.inputs.imu);
+        let Some(tracked) = cycle.estimate.pose else {
+            return;
+        };
+        let matched =
+            self.matcher
+                .refine(&self.distances, &cycle.line_points, tracked, START_ERROR);
+        let error = matched.pose.difference(tracked);
+        let is_near =
+            error.x.abs().max(error.y.abs()) < DEVIATION_MAX.0 && error.z.abs() < DEVIATION_MAX.1;
+        if is_near
+            && matched.inlier_share > INLIER_SHARE_MIN
+            && matched.determined_parameters > DETERMINED_MIN
+        {
+            self.poses.push(VisionPose {
+                stamp: cycle.stamp,
+                pose: matched.pose,
+                covariance: matched.covariance,
+            });
+        }
+    }
+
+    fn finish(mut self, robot: RobotConfig) -> Drive {
+        sort(&mut self.odometry, |sample| sample.stamp);
+        sort(&mut self.imu, |sample| sample.stamp);
+        Drive {
+            robot,
+            odometry: self.odometry,
+            imu: self.imu,
+            poses: self.poses,
+        }
+    }
+}
+
+/// Orders samples by stamp; a repeated one counts once.
+fn sort<T>(samples: &mut Vec<T>, stamp: impl Fn(&T) -> Stamp) {
+    samples.sort_by_key(&stamp);
+    samples.dedup_by_key(|sample| stamp(sample));
+}

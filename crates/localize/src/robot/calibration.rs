@@ -1,0 +1,176 @@
+//! What calibration measured of one robot: files that robot.toml includes, and their effect on samples.
+
+use serde::{Deserialize, Serialize};
+
+use crate::math;
+use crate::sample::{Imu, Odometry};
+use crate::sensors::compass_calibration::CompassCalibration;
+
+/// `[odometry]`: correction of the wheels' motion, as `calibrate wheels` writes it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OdometryCalibration {
+    /// Rows: true motion (forward, left, rotation; metres and radians) = matrix · measured motion.
+    pub matrix: [[f32; 3]; 3],
+}
+
+/// `[imu.calibration]`, as `calibrate imu` writes it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImuCalibration {
+    /// Mounting of the unit in the robot: roll, pitch, yaw of its axes, degrees (about x, then y, then z).
+    pub mount_deg: [f32; 3],
+    /// Constant error of the specific force, axes of the unit, m/s².
+    pub acceleration_bias: [f32; 3],
+    /// Constant error of the rate, axes of the unit, degrees/s.
+    pub rate_bias_deg: [f32; 3],
+}
+
+/// `[timing]`, as `calibrate latency` writes it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TimingCalibration {
+    /// Time from the exposure of an image to its stamp, on the clock of the wheels, seconds. Used unless the setting
+    /// `localize.filter.camera_latency` is given.
+    pub camera_latency: f32,
+}
+
+/// An included file: the sections that calibration writes, and no others.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CalibrationFile {
+    pub(super) odometry: Option<OdometryCalibration>,
+    pub(super) imu: Option<ImuSection>,
+    pub(super) timing: Option<TimingCalibration>,
+    pub(super) camera: Option<RimSection>,
+    pub(super) compass: Option<CompassSection>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ImuSection {
+    pub(super) calibration: ImuCalibration,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CompassSection {
+    pub(super) calibration: CompassCalibration,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RimSection {
+    pub(super) centre_px: [f32; 2],
+    pub(super) outer_radius_px: f32,
+}
+
+impl Default for ImuCalibration {
+    fn default() -> Self {
+        ImuCalibration {
+            mount_deg: [0.0; 3],
+            acceleration_bias: [0.0; 3],
+            rate_bias_deg: [0.0; 3],
+        }
+    }
+}
+
+impl OdometryCalibration {
+    /// The corrected motion.
+    pub fn apply(&self, odometry: &Odometry) -> Odometry {
+        let measured = [odometry.dx, odometry.dy, odometry.dtheta];
+        let [dx, dy, dtheta] = multiply(&self.matrix, measured);
+        Odometry {
+            dx,
+            dy,
+            dtheta,
+            ..*odometry
+        }
+    }
+
+    pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
+        for (row, values) in self.matrix.iter().enumerate() {
+            for (column, value) in values.iter().enumerate() {
+                let (lowest, highest) = if row == column {
+                    (0.5, 2.0)
+                } else {
+                    (-2.0, 2.0)
+                };
+                if !(lowest..=highest).contains(value) {
+                    let reason = format!(
+                        "row {}, column {}: {value} (expected {lowest} to {highest})",
+                        row + 1,
+                        column + 1
+                    );
+                    return Err(("odometry.matrix", reason));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl ImuCalibration {
+    /// The corrected reading, robot frame.
+    pub fn apply(&self, imu: &Imu) -> Imu {
+        let robot_from_unit = rotation_from_rpy(self.mount_deg.map(f32::to_radians));
+        let correct = |values: [f32; 3], bias: [f32; 3]| {
+            multiply(
+                &robot_from_unit,
+                [0, 1, 2].map(|axis| values[axis] - bias[axis]),
+            )
+        };
+        Imu {
+            stamp: imu.stamp,
+            acceleration: correct(imu.acceleration, self.acceleration_bias),
+            rate: correct(imu.rate, self.rate_bias_deg.map(f32::to_radians)),
+        }
+    }
+
+    pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
+        check_within("imu.calibration.mount_deg", &self.mount_deg, 360.0)?;
+        check_within(
+            "imu.calibration.acceleration_bias",
+            &self.acceleration_bias,
+            20.0,
+        )?;
+        check_within("imu.calibration.rate_bias_deg", &self.rate_bias_deg, 90.0)
+    }
+}
+
+impl TimingCalibration {
+    pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
+        if (0.0..=1.0).contains(&self.camera_latency) {
+            return Ok(());
+        }
+        let reason = format!("{} s (expected 0 to 1)", self.camera_latency);
+        Err(("timing.camera_latency", reason))
+    }
+}
+
+fn check_within(
+    key: &'static str,
+    values: &[f32],
+    limit: f32,
+) -> Result<(), (&'static str, String)> {
+    match values.iter().find(|value| !(value.abs() <= limit)) {
+        Some(value) => Err((key, format!("{value} (expected -{limit} to {limit})"))),
+        None => Ok(()),
+    }
+}
+
+/// Rz(yaw)·Ry(pitch)·Rx(roll), rows; angles in radians.
+pub fn rotation_from_rpy([roll, pitch, yaw]: [f32; 3]) -> [[f32; 3]; 3] {
+    let (sr, cr) = math::sin_cos(roll);
+    let (sp, cp) = math::sin_cos(pitch);
+    let (sy, cy) = math::sin_cos(yaw);
+    [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+}
+
+fn multiply(rows: &[[f32; 3]; 3], vector: [f32; 3]) -> [f32; 3] {
+    rows.map(|row| row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2])
+}

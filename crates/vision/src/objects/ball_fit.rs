@@ -1,0 +1,239 @@
+//! Where exactly is a ball? A disc of its known size, laid where its pixels differ most from those around it.
+//!
+//! Pixels are compared by their chromaticity first: shading darkens the lower half of a ball, and its shadow the floor.
+
+use std::ops::Range;
+use std::sync::LazyLock;
+
+use localize::math;
+
+use crate::image::ImageView;
+use crate::objects::ball_candidates::BallCandidate;
+use crate::objects::patch::logarithm;
+use crate::objects::view_angles::ViewAngles;
+
+/// Samples of the window's side, and their spacing in ball radii: the window spans 4.8 radii.
+const SIDE: usize = 25;
+const STEP: f32 = 0.2;
+/// Largest displacement of the disc, samples: the grid's places and the networks are less than a radius off.
+const SHIFT_MAX: i32 = 5;
+/// Radii of the disc and of the ring around it, ball radii. Between them lies the blurred edge.
+const DISC: f32 = 0.9;
+const RING: Range<f32> = 1.1..1.5;
+/// Radius around the candidate's centre whose mean is the ball's colour, ball radii.
+const CORE: f32 = 0.5;
+/// Distance of the floor before the ball from the candidate's centre, ball radii.
+const FLOOR: Range<f32> = 1.7..2.4;
+/// Weight of a difference of brightness relative to one of chromaticity.
+const BRIGHTNESS_WEIGHT: f32 = 0.3;
+
+/// Displacement of a ball's centre from its candidate, ball radii.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct BallFit {
+    /// Away from the robot.
+    pub(crate) away: f32,
+    /// In azimuth.
+    pub(crate) aside: f32,
+}
+
+/// A colour: chromaticity (logarithms without their mean) and weighted brightness.
+type Colour = [f32; 4];
+
+/// Lays the disc around a candidate; no displacement where the image ends.
+pub(crate) fn fit_ball(
+    image: &ImageView<'_>,
+    angles: &ViewAngles,
+    candidate: &BallCandidate,
+) -> BallFit {
+    let unknown = BallFit {
+        away: 0.0,
+        aside: 0.0,
+    };
+    let Some(window) = read_window(image, angles, candidate) else {
+        return unknown;
+    };
+    let (Some(ball), Some(floor)) = (
+        mean(&window, |away, aside| {
+            away * away + aside * aside < CORE * CORE
+        }),
+        mean(&window, |away, aside| {
+            away < -aside.abs() && FLOOR.contains(&(away * away + aside * aside).sqrt())
+        }),
+    ) else {
+        return unknown;
+    };
+    // 1 on the ball, 0 on the floor.
+    let shares = window.map(|colour| {
+        let (to_ball, to_floor) = (distance(colour, ball), distance(colour, floor));
+        to_floor / (to_floor + to_ball).max(1e-3)
+    });
+    let template = &*TEMPLATE;
+    let contrast = |place: [i32; 2]| template.contrast(&shares, place);
+    // Every second place first, then the neighbours of the best.
+    let mut best = ([0, 0], contrast([0, 0]));
+    let coarse = (-SHIFT_MAX..=SHIFT_MAX).step_by(2);
+    for down in coarse.clone() {
+        for right in coarse.clone() {
+            best = better(best, [down, right], contrast);
+        }
+    }
+    let [down, right] = best.0;
+    for next_down in (down - 1).max(-SHIFT_MAX)..=(down + 1).min(SHIFT_MAX) {
+        for next_right in (right - 1).max(-SHIFT_MAX)..=(right + 1).min(SHIFT_MAX) {
+            best = better(best, [next_down, next_right], contrast);
+        }
+    }
+    let ([down, right], here) = best;
+    let between = |shift: i32, at: &dyn Fn(i32) -> f32| {
+        let inner = shift.abs() < SHIFT_MAX;
+        let vertex = inner.then(|| parabola_vertex([at(shift - 1), here, at(shift + 1)]));
+        STEP * (shift as f32 + vertex.unwrap_or(0.0))
+    };
+    BallFit {
+        away: between(down, &|down| contrast([down, right])),
+        aside: between(right, &|right| contrast([down, right])),
+    }
+}
+
+/// The better of the best place so far and another one.
+fn better(
+    best: ([i32; 2], f32),
+    place: [i32; 2],
+    contrast: impl Fn([i32; 2]) -> f32,
+) -> ([i32; 2], f32) {
+    let here = contrast(place);
+    if here > best.1 { (place, here) } else { best }
+}
+
+/// Samples of the disc and of the ring about the window's middle, as indices of the window.
+struct Template {
+    disc: Vec<usize>,
+    ring: Vec<usize>,
+}
+
+static TEMPLATE: LazyLock<Template> = LazyLock::new(|| {
+    let within = |radii: Range<f32>| {
+        let places = (0..SIDE * SIDE).filter(|&place| {
+            let (away, aside) = (offset(place / SIDE), offset(place % SIDE));
+            let squared = away * away + aside * aside;
+            (radii.start * radii.start..radii.end * radii.end).contains(&squared)
+        });
+        places.collect()
+    };
+    Template {
+        disc: within(0.0..DISC),
+        ring: within(RING),
+    }
+});
+
+impl Template {
+    /// Mean share of the ball in the disc minus that in the ring, displaced by samples down and right.
+    fn contrast(&self, shares: &[f32; SIDE * SIDE], [down, right]: [i32; 2]) -> f32 {
+        let shift = down * SIDE as i32 + right;
+        let mean = |places: &[usize]| {
+            let values = places
+                .iter()
+                .map(|&place| shares[(place as i32 + shift) as usize]);
+            values.fold(0.0, |sum, value| sum + value) / places.len() as f32
+        };
+        mean(&self.disc) - mean(&self.ring)
+    }
+}
+
+/// Displacement of a sample from the window's middle, ball radii.
+fn offset(index: usize) -> f32 {
+    (index as f32 - (SIDE / 2) as f32) * STEP
+}
+
+/// Colours around a candidate, row by row: rows lead away from the robot, columns lie in azimuth. None if a sample is
+/// outside the image.
+fn read_window(
+    image: &ImageView<'_>,
+    angles: &ViewAngles,
+    candidate: &BallCandidate,
+) -> Option<[Colour; SIDE * SIDE]> {
+    let mut window = [[0.0; 4]; SIDE * SIDE];
+    let ray = angles.ray(candidate.azimuth);
+    let directions: [(f32, f32); SIDE] = std::array::from_fn(|column| {
+        math::sin_cos(candidate.azimuth + offset(column) * candidate.ball.half_width)
+    });
+    let [centre_u, centre_v] = angles.centre_px;
+    let (width, height) = (image.width_px as f32, image.height_px as f32);
+    for (row, colours) in window.chunks_exact_mut(SIDE).enumerate() {
+        let radius = ray.radius_px(candidate.view_angle + offset(row) * candidate.ball.half_height);
+        for (colour, (sin, cos)) in colours.iter_mut().zip(directions) {
+            let u = (centre_u + radius * cos + 0.5).floor();
+            let v = (centre_v - radius * sin + 0.5).floor();
+            // Not a number fails as well.
+            if !(u >= 0.0 && v >= 0.0 && u < width && v < height) {
+                return None;
+            }
+            let logs = image.rgb(u as usize, v as usize).map(logarithm);
+            let brightness = (logs[0] + logs[1] + logs[2]) / 3.0;
+            let [r, g, b] = logs.map(|log| log - brightness);
+            *colour = [r, g, b, BRIGHTNESS_WEIGHT * brightness];
+        }
+    }
+    Some(window)
+}
+
+/// Mean colour of the samples that a predicate of their displacement selects.
+fn mean(window: &[Colour; SIDE * SIDE], selects: impl Fn(f32, f32) -> bool) -> Option<Colour> {
+    let mut sum = [0.0; 4];
+    let mut count = 0.0;
+    for (place, colour) in window.iter().enumerate() {
+        if selects(offset(place / SIDE), offset(place % SIDE)) {
+            for (sum, value) in sum.iter_mut().zip(colour) {
+                *sum += value;
+            }
+            count += 1.0;
+        }
+    }
+    (count > 0.0).then(|| sum.map(|sum| sum / count))
+}
+
+fn distance(a: Colour, b: Colour) -> f32 {
+    let squares = a.into_iter().zip(b).map(|(a, b)| (a - b) * (a - b));
+    squares.fold(0.0, |sum, square| sum + square).sqrt()
+}
+
+/// Place of the maximum of a parabola through three values, from the middle one, steps.
+fn parabola_vertex([before, here, after]: [f32; 3]) -> f32 {
+    let curvature = before - 2.0 * here + after;
+    if curvature >= -1e-6 {
+        return 0.0;
+    }
+    (0.5 * (before - after) / curvature).clamp(-0.5, 0.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn contrast_is_largest_where_a_blurred_disc_lies() {
+        let shares: [f32; SIDE * SIDE] = std::array::from_fn(|place| {
+            let (away, aside) = (offset(place / SIDE) - 0.5, offset(place % SIDE) + 0.3);
+            // Blurred by a fifth of the radius.
+            ((1.1 - (away * away + aside * aside).sqrt()) / 0.2).clamp(0.0, 1.0)
+        });
+        let best = (-SHIFT_MAX..=SHIFT_MAX)
+            .flat_map(|down| (-SHIFT_MAX..=SHIFT_MAX).map(move |right| [down, right]))
+            .max_by(|a, b| {
+                let contrast = |place: &[i32; 2]| TEMPLATE.contrast(&shares, *place);
+                contrast(a).total_cmp(&contrast(b))
+            })
+            .expect("places");
+        let [away, aside] = best.map(|shift| STEP * shift as f32);
+        assert!(
+            (away - 0.5).abs() <= 0.11 && (aside + 0.3).abs() <= 0.11,
+            "{away} {aside}"
+        );
+    }
+
+    #[test]
+    fn vertex_of_a_parabola() {
+        let value = |x: f32| 3.0 - (x - 0.3) * (x - 0.3);
+        assert!((parabola_vertex([value(-1.0), value(0.0), value(1.0)]) - 0.3).abs() < 1e-5);
+    }
+}
