@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MapCorrectionConfig {
-    /// Learns the errors of the map while the robot drives. False takes the map for exact. Off by default: in rendered images
-    /// with tilt a right map got worse (docs/calibration.md).
+    /// Learns the errors of the map while the robot drives. False takes the map for exact. Off by default: its stated
+    /// uncertainty is too small while it learns (docs/calibration.md).
     pub enabled: bool,
     /// Standard deviation of the mirror's tilt against the camera before anything was seen, per axis, degrees.
     pub mirror_tilt_std_deg: f32,
