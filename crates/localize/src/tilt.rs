@@ -55,6 +55,37 @@ pub fn ground_above_depth<T: RealField + Copy>(
     })
 }
 
+/// A ground point with its derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TiltedPoint {
+    /// As [`ground_from_map`], metres.
+    pub ground: [f32; 2],
+    /// Derivatives of x and of y by the map point's x and y.
+    pub by_point: [[f32; 2]; 2],
+    /// Derivatives of x and of y by the tilt's a and b, metres per radian.
+    pub by_tilt: [[f32; 2]; 2],
+}
+
+/// [`ground_from_map`] with its derivatives.
+pub fn linearize(map_point: [f32; 2], tilt: [f32; 2], height: f32) -> TiltedPoint {
+    let depth = ray_depth(map_point, tilt, height).max(DEPTH_SHARE_MIN as f32 * height);
+    let stretch = height / depth;
+    let shift = tilt.map(|part| part * height);
+    let below: [f32; 2] = std::array::from_fn(|i| (map_point[i] + shift[i]) * stretch);
+    let unit = |i: usize, j: usize| f32::from(u8::from(i == j));
+    TiltedPoint {
+        ground: std::array::from_fn(|i| below[i] - shift[i]),
+        by_point: std::array::from_fn(|i| {
+            std::array::from_fn(|j| stretch * (unit(i, j) + below[i] * tilt[j] / height))
+        }),
+        by_tilt: std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                (stretch - 1.0) * height * unit(i, j) + below[i] * map_point[j] / depth
+            })
+        }),
+    }
+}
+
 /// The point of the upright map (metres, robot frame) at which a robot with tilt (a, b) sees `ground_point`.
 ///
 /// The exact inverse of [`ground_from_map`]: p = w · H (1 + a² + b²)/(H + s′) − (a, b) H, with w = q + (a, b) H as seen from
@@ -159,6 +190,30 @@ mod tests {
             let range = point[0].hypot(point[1]) + size * HEIGHT;
             let bound = size * size * stretch * range + 1e-9;
             prop_assert!(distance(ground_from_map(point, tilt, HEIGHT), exact) <= bound);
+        }
+    }
+
+    #[test]
+    fn derivatives_equal_differences() {
+        let (point, tilt, height) = ([3.0_f32, -1.5], [0.02_f32, -0.01], 0.8_f32);
+        let here = linearize(point, tilt, height);
+        assert_eq!(here.ground, ground_from_map(point, tilt, height));
+        const STEP: f32 = 1e-3;
+        for j in 0..2 {
+            let (mut moved, mut tilted) = (point, tilt);
+            moved[j] += STEP;
+            tilted[j] += STEP;
+            let by_point = ground_from_map(moved, tilt, height);
+            let by_tilt = ground_from_map(point, tilted, height);
+            for i in 0..2 {
+                let difference = (by_point[i] - here.ground[i]) / STEP;
+                assert!((difference - here.by_point[i][j]).abs() < 5e-3, "{i} {j}");
+                let difference = (by_tilt[i] - here.ground[i]) / STEP;
+                assert!(
+                    (difference - here.by_tilt[i][j]).abs() < 0.1,
+                    "{i} {j} {difference}"
+                );
+            }
         }
     }
 

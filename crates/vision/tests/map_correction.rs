@@ -78,7 +78,6 @@ fn an_unknown_mount_is_learned_while_driving() {
 }
 
 #[test]
-#[ignore = "not met: the covariance of this mirror is too small, NEES 7"]
 fn an_unknown_mount_of_a_hyperbolic_mirror_is_learned_while_driving() {
     check_unknown_mount("hyperbolic.toml");
 }

@@ -222,6 +222,20 @@ impl PoseFilter {
         })
     }
 
+    /// D² of docs/methods.md 5.9: how far the points alone lie from the prediction, if they counted as those of a single
+    /// image. None without information.
+    pub fn single_image_innovation_squared(&self, matched: &Match) -> Option<f32> {
+        let predicted = self.predicted_covariance(TiltPrior::FromState);
+        let predicted = predicted.fixed_view::<3, 3>(0, 0).into_owned();
+        let before = predicted.try_inverse()?;
+        let after = matched.covariance.try_inverse()?;
+        // A hundredth of the prior's information keeps directions without markings invertible.
+        let noise = (after - before * 0.99).try_inverse()?;
+        let innovation = noise * after * matched.pose.difference(self.pose());
+        let covariance = predicted + noise / matched.repetition_ratio;
+        Some(innovation.dot(&(covariance.try_inverse()? * innovation)))
+    }
+
     /// Updates by a pose that was measured independently of the prediction.
     pub fn update_pose(&mut self, pose: Pose, covariance: &Matrix3<f32>, config: &FilterConfig) {
         let measurement = PoseMeasurement {

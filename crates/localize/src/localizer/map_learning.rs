@@ -59,6 +59,8 @@ impl Localizer {
             predicted: prior.map_or(matched.pose, |prior| prior.pose),
             prior_information: prior.map(|prior| prior.information),
             independent_tilt_std: self.independent_tilt_std(),
+            repetition: self.matcher.repetition(),
+            expected_tilt: self.expected_tilt,
         };
         let Some(map) = &mut self.map_correction else {
             return;
@@ -86,6 +88,8 @@ impl Localizer {
             predicted: prior.pose,
             prior_information: Some(prior.information),
             independent_tilt_std: self.independent_tilt_std(),
+            repetition: self.matcher.repetition(),
+            expected_tilt: self.expected_tilt,
         };
         let margin = self.score_margin(points.len());
         let Some(map) = &mut self.map_correction else {
@@ -129,6 +133,8 @@ impl Localizer {
             predicted: pose,
             prior_information: None,
             independent_tilt_std: Some(self.matcher.tilt_std()),
+            repetition: self.matcher.repetition(),
+            expected_tilt: self.expected_tilt,
         };
         map.restart(&image, &self.distance_field, self.matcher.config());
     }

@@ -110,6 +110,8 @@ pub struct Localizer {
     pending_goals: Option<(Stamp, Vec<GoalObservation>)>,
     tilt_bias: TiltBias,
     tilt_spread: TiltSpread,
+    /// The tilt for which the current image's points are compensated, radians.
+    expected_tilt: [f32; 2],
     /// Prior of the current image's tilt.
     tilt_prior: TiltPrior,
     /// Posterior variances of the tilt in the last tracked image, rad².
@@ -197,6 +199,7 @@ impl Localizer {
             global_check: None,
             tilt_prior: TiltPrior::FromState,
             tilt_variances: None,
+            expected_tilt: [0.0; 2],
             repeated_covariance: Matrix3::zeros(),
             particles_stamp: Stamp(i64::MIN),
             last_odometry: None,

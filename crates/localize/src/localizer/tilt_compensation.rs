@@ -22,6 +22,7 @@ impl Localizer {
         points: &mut [LinePoint],
     ) -> Option<ImuTilt> {
         let (config, matching) = (&self.config.attitude, &self.config.matching);
+        self.expected_tilt = [0.0; 2];
         let prior_std = self
             .tilt_spread
             .tilt_std(matching.tilt_std_deg.to_radians());
@@ -36,6 +37,7 @@ impl Localizer {
         let expected =
             filter_tilt.unwrap_or_else(|| self.tilt_bias.correct_tilt(measured, prior_std));
         compensate_points(points, expected.mean, matching.viewpoint_height);
+        self.expected_tilt = expected.mean;
         self.matcher.set_tilt_std(expected.std);
         self.tilt_prior = if filter_tilt.is_some() {
             TiltPrior::FromState

@@ -25,6 +25,10 @@ const TYPICAL_RANGE: f32 = 3.0;
 /// Share of `inlier_share_min` below which a match under the prediction is due to chance.
 const CHANCE_SHARE: f32 = 0.5;
 
+/// Largest squared innovation, in standard deviations of a single image, that errors which repeat may explain (97 % of χ² with 3
+/// degrees of freedom). Repeated errors make innovations small.
+const REPEATED_INNOVATION_MAX: f32 = 9.0;
+
 /// Number of tilted starts of a match that failed from an upright one, their size in standard deviations, and the size
 /// from which a tilt may move points to other markings, degrees.
 const TILTED_STARTS: usize = 6;
@@ -202,6 +206,18 @@ impl Localizer {
         let mut matched =
             self.matcher
                 .refine_with_prior(&self.distance_field, points, prior, start_error);
+        if matched.repetition_ratio > 1.0
+            && filter
+                .single_image_innovation_squared(&matched)
+                .is_some_and(|squared| squared > REPEATED_INNOVATION_MAX)
+        {
+            matched = self.matcher.refine_as_single_image(
+                &self.distance_field,
+                points,
+                prior,
+                start_error,
+            );
+        }
         let normalized_innovation_max = self.config.mode.normalized_innovation_max;
         let is_consistent = |filter: &PoseFilter, matched: &Match| {
             filter.normalized_innovation_squared(matched) <= normalized_innovation_max

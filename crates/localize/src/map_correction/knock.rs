@@ -32,7 +32,7 @@ impl MapCorrection {
             return None;
         }
         self.knock_checked = Some(image.stamp);
-        let present = image.matched.score * image.points.len() as f32;
+        let present = self.present_score(image, distances, matching);
         let refit = self
             .refit(image, distances, matching)
             .filter(|refit| refit.score - present > margin);
@@ -45,6 +45,7 @@ impl MapCorrection {
             return None;
         }
         self.coefficients = refit.coefficients;
+        self.applied = refit.coefficients;
         // One image finds the way; the next ones learn from there.
         self.covariance = self.prior;
         self.sensitivity = PoseByTerm::zeros();

@@ -21,8 +21,13 @@ const INDEPENDENT_POINTS: f32 = 120.0;
 /// Distance from the map as given beyond which an estimate is discarded, in standard deviations of a new map.
 const PLAUSIBLE_SIGMAS: f64 = 8.0;
 
-/// Largest mean information of an image, relative to what is known already.
-const RELATIVE_INFORMATION_MAX: f64 = 0.5;
+/// Largest mean information of an image, relative to what is known already. The first images, whose derivatives hold roughly, so
+/// count less than those after them.
+const RELATIVE_INFORMATION_MAX: f64 = 0.1;
+
+/// Squared distance of the estimate from the given map, in its own standard deviations, from which the map counts as wrong (99.9 %
+/// of χ² with nine degrees of freedom). Until then the given map is in use. From then on the estimate is.
+const WRONG_CHI_SQUARED: f64 = 28.0;
 
 /// Share by which an image changes the learned variance of the residuals.
 const NOISE_RATE: f64 = 0.1;
@@ -54,15 +59,21 @@ impl MapCorrection {
             prior[(k, k)] = FREE_TILT_INFORMATION;
         }
         let evidence = stated.eliminate_pose(&prior, &PoseVector::zeros())?;
+        let repetition = match self.used_pose {
+            Some(used) => image.repetition.sequence_factor(used, image.matched.pose),
+            None => image.repetition.image_factor(),
+        };
         let share = f64::from(
             self.config.information_share
-                * (INDEPENDENT_POINTS / image.points.len().max(1) as f32).min(1.0),
+                * (INDEPENDENT_POINTS / image.points.len().max(1) as f32).min(1.0)
+                / repetition,
         );
-        // Far from the truth an image's derivatives hold roughly: it may halve the uncertainty, and is then used again.
+        // Such an image is used again.
         let relative = share / self.noise * (self.covariance * evidence.information).trace();
         let cap = RELATIVE_INFORMATION_MAX * self.basis.terms().len() as f64 / relative.max(1e-9);
         self.used_pose = (cap >= 1.0).then_some(image.matched.pose);
-        let step = self.update(&evidence, share * cap.min(1.0), f64::from(stated.weight))?;
+        self.update(&evidence, share * cap.min(1.0), f64::from(stated.weight))?;
+        let step = self.follow_estimate()?;
         let shift = self.sensitivity * step;
         let mut pose = image.matched.pose;
         pose = Pose::new(
@@ -72,6 +83,23 @@ impl MapCorrection {
         );
         self.last_pose = Some(pose);
         Some(std::array::from_fn(|k| shift[k] as f32))
+    }
+
+    /// Takes the estimate into use if the given map is wrong. Returns the change.
+    fn follow_estimate(&mut self) -> Option<TermVector> {
+        let step = self.coefficients - self.applied;
+        let mut covariance = self.covariance;
+        for k in self.basis.terms().len()..TERMS_MAX {
+            covariance[(k, k)] = 1.0;
+        }
+        let distance = step.dot(&covariance.cholesky()?.solve(&step));
+        let in_use = self.applied != TermVector::zeros();
+        if !in_use && distance < WRONG_CHI_SQUARED {
+            return None;
+        }
+        self.applied = self.coefficients;
+        self.update_variances();
+        Some(step)
     }
 
     /// Random walk of the unknowns since the last image.
@@ -101,28 +129,30 @@ impl MapCorrection {
         })
     }
 
-    /// Updates the belief by an image; returns the step of the coefficients.
-    fn update(&mut self, evidence: &MapEvidence, share: f64, weight: f64) -> Option<TermVector> {
+    /// Updates the belief by an image.
+    fn update(&mut self, evidence: &MapEvidence, share: f64, weight: f64) -> Option<()> {
         let share = share / self.noise;
         let information = evidence.information * share;
-        let gradient = evidence.gradient * share;
+        // The image was linearised at the map in use.
+        let gradient = evidence.gradient * share + information * (self.coefficients - self.applied);
         let posterior = Posterior::new(&self.covariance, &information, &gradient)?;
+        self.block.add(&information, &gradient, &self.coefficients);
+        self.covariance = posterior.covariance;
+        self.coefficients += posterior.step;
         let freedom = weight - (PARAMETERS + self.basis.terms().len()) as f64;
         if freedom > 10.0 {
-            let explained = -gradient.dot(&posterior.step) / share;
-            let remaining = ((evidence.squares - explained) / freedom).clamp(0.25, 25.0);
+            let from_used = self.coefficients - self.applied;
+            let squares = evidence.squares
+                + 2.0 * evidence.gradient.dot(&from_used)
+                + from_used.dot(&(evidence.information * from_used));
+            let remaining = (squares / freedom).clamp(0.25, 25.0);
             self.noise += NOISE_RATE * (remaining - self.noise);
         }
-        self.block.add(&information, &gradient, &self.coefficients);
-        let step = posterior.step;
-        self.covariance = posterior.covariance;
-        self.coefficients += step;
         if self.is_implausible() {
             // Something else than the mount misled it: back to the map as it was given.
-            let step = -self.coefficients;
             self.coefficients = TermVector::zeros();
             self.forget();
-            return Some(step);
+            return Some(());
         }
         if self.block.images >= BLOCK_IMAGES {
             let log_odds_min = f64::from(self.config.knock_log_odds);
@@ -134,7 +164,7 @@ impl MapCorrection {
         }
         self.images += 1;
         self.update_variances();
-        Some(step)
+        Some(())
     }
 
     /// Is an unknown farther from the map as given than any mount may be?

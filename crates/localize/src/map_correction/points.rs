@@ -36,6 +36,7 @@ impl MapCorrection {
             point.at = At::new(x, y);
             let ambiguity = displaced.ambiguity * displaced.ambiguity;
             let raw = RawPoint {
+                at: [x, y],
                 radial_variance: point.std_radial * point.std_radial + ambiguity,
                 tangential_variance: point.std_tangential * point.std_tangential + ambiguity,
                 derivatives: displaced.derivatives,
@@ -48,7 +49,7 @@ impl MapCorrection {
     }
 
     fn single_coefficients(&self) -> [f32; TERMS_MAX] {
-        std::array::from_fn(|k| self.coefficients[k] as f32)
+        std::array::from_fn(|k| self.applied[k] as f32)
     }
 
     /// Variances of a displaced point at `range` metres: radial, tangential; m².
@@ -71,6 +72,7 @@ impl MapCorrection {
     /// Variances by node, means over the bearing.
     pub(super) fn update_variances(&mut self) {
         let terms = self.basis.terms();
+        let deviation = self.deviation();
         for node in 0..NODES {
             let mut sums = [0.0; 2];
             for (i, a) in terms.iter().enumerate() {
@@ -79,7 +81,7 @@ impl MapCorrection {
                     if a.harmonic != b.harmonic {
                         continue;
                     }
-                    let covariance = self.covariance[(i, j)] as f32;
+                    let covariance = deviation[(i, j)] as f32;
                     let [radial, tangential] = a.harmonic.mean_squares();
                     sums[0] += covariance * radial * a.radial[node] * b.radial[node];
                     sums[1] += covariance * tangential * a.tangential[node] * b.tangential[node];

@@ -31,7 +31,7 @@ pub(super) struct Refit {
 struct Candidate {
     pose: Pose,
     tilt: [f32; 2],
-    /// Beyond the present coefficients.
+    /// Beyond the map in use.
     step: [f32; TERMS_MAX],
 }
 
@@ -90,10 +90,26 @@ impl MapCorrection {
         }
         let (_, score) = self.sums_at(&candidate, 0.0, image, distances, matching);
         Some(Refit {
-            coefficients: self.coefficients + TermVector::from_fn(|k, _| candidate.step[k].into()),
+            coefficients: self.applied + TermVector::from_fn(|k, _| candidate.step[k].into()),
             pose: candidate.pose,
             score,
         })
+    }
+
+    /// Σ (1 − e) of an image's points under the present map, with the variances of [`MapCorrection::refit`]: those of the matcher
+    /// follow the spread that it learned, and would not compare.
+    pub(super) fn present_score(
+        &self,
+        image: &TrackedImage,
+        distances: &DistanceField,
+        matching: &MatchConfig,
+    ) -> f32 {
+        let candidate = Candidate {
+            pose: image.matched.pose,
+            tilt: image.matched.tilt,
+            step: [0.0; TERMS_MAX],
+        };
+        self.sums_at(&candidate, 0.0, image, distances, matching).1
     }
 
     /// Normal equations at a candidate, and Σ (1 − e).

@@ -9,13 +9,13 @@ use crate::frames::Pose;
 use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceField;
 use crate::math;
-use crate::tilt::ground_from_map;
+use crate::tilt::{self, ground_from_map};
 
 impl MapCorrection {
     /// Covariance of (x, y, θ) by the map's remaining uncertainty.
     pub fn pose_covariance(&self) -> Matrix3<f32> {
         let by_term = self.sensitivity.fixed_rows::<3>(0);
-        let covariance = by_term * self.covariance * by_term.transpose();
+        let covariance = by_term * self.deviation() * by_term.transpose();
         ((covariance + covariance.transpose()) * 0.5).map(|value| value as f32)
     }
 
@@ -64,7 +64,10 @@ impl MapCorrection {
         let height = matching.viewpoint_height;
         let kernel_squared = matching.kernel_scale_sigmas * matching.kernel_scale_sigmas;
         let map_variance = matching.map_std * matching.map_std;
+        // Tilt and mount do nearly the same to the points. Only exact derivatives tell them apart.
+        let tilt = [0, 1].map(|k| image.expected_tilt[k] + image.matched.tilt[k]);
         for (point, raw) in image.points.iter().zip(&self.points) {
+            let tilted = tilt::linearize(raw.at, tilt, height);
             let [px, py] = ground_from_map([point.at.x, point.at.y], image.matched.tilt, height);
             let (rx, ry) = (cos * px - sin * py, sin * px + cos * py);
             let near = distances.nearest(x + rx, y + ry);
@@ -81,9 +84,12 @@ impl MapCorrection {
             let kept = kernel_squared / (kernel_squared + near.signed_distance.powi(2) / wide);
             let robust_weight = kept * kept;
             let (mx, my) = (cos * nx + sin * ny, cos * ny - sin * nx);
-            let per_height = along / height;
-            let pose_row = [nx, ny, ny * rx - nx * ry, px * per_height, py * per_height];
-            let map_row = raw.derivatives.map(|[dx, dy]| mx * dx + my * dy);
+            let along_normal =
+                |rows: [[f32; 2]; 2]| [0, 1].map(|j| mx * rows[0][j] + my * rows[1][j]);
+            let [by_a, by_b] = along_normal(tilted.by_tilt);
+            let [by_x, by_y] = along_normal(tilted.by_point);
+            let pose_row = [nx, ny, ny * rx - nx * ry, by_a, by_b];
+            let map_row = raw.derivatives.map(|[dx, dy]| by_x * dx + by_y * dy);
             widened.add_cross(&pose_row, &map_row, robust_weight / wide);
             if for_map {
                 let own = variance(raw.radial_variance, raw.tangential_variance);

@@ -5,7 +5,7 @@ use super::block::Block;
 use super::config::MapCorrectionConfig;
 use super::sums::{PoseByTerm, TermMatrix, TermVector};
 use crate::frames::{At, Pose};
-use crate::matching::{Match, Matrix5};
+use crate::matching::{Match, Matrix5, Repetition};
 use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
@@ -54,11 +54,17 @@ pub struct TrackedImage<'a> {
     pub prior_information: Option<Matrix5>,
     /// Standard deviation of the tilt where it is independent in each image, radians. None: part of the filter's state.
     pub independent_tilt_std: Option<f32>,
+    /// What of the points' errors repeats.
+    pub repetition: Repetition,
+    /// The tilt for which the points were compensated, radians.
+    pub expected_tilt: [f32; 2],
 }
 
-/// A line point before its correction: its own variances, m², and the derivatives of the corrected one.
+/// A corrected line point: its own variances, m², and its derivatives by the unknowns.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RawPoint {
+    /// Before the compensation of the tilt, metres.
+    pub(super) at: [f32; 2],
     pub(super) radial_variance: f32,
     pub(super) tangential_variance: f32,
     pub(super) derivatives: [[f32; 2]; TERMS_MAX],
@@ -70,6 +76,8 @@ pub struct MapCorrection {
     pub(super) basis: MapBasis,
     pub(super) config: MapCorrectionConfig,
     pub(super) coefficients: TermVector,
+    /// Those of the map in use, which follows the estimate once the given map proved wrong.
+    pub(super) applied: TermVector,
     pub(super) covariance: TermMatrix,
     pub(super) prior: TermMatrix,
     /// Error of (x, y, θ, a, b) per error of each unknown.
@@ -100,6 +108,7 @@ impl MapCorrection {
         });
         let mut correction = MapCorrection {
             coefficients: TermVector::zeros(),
+            applied: TermVector::zeros(),
             covariance: prior,
             prior,
             sensitivity: PoseByTerm::zeros(),
@@ -119,6 +128,12 @@ impl MapCorrection {
         };
         correction.update_variances();
         correction
+    }
+
+    /// Mean square of the unknowns' deviation from the map in use.
+    pub(super) fn deviation(&self) -> TermMatrix {
+        let step = self.coefficients - self.applied;
+        self.covariance + step * step.transpose()
     }
 
     /// The fields of the unknowns.

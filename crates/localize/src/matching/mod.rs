@@ -20,6 +20,7 @@ use crate::sample::LinePoint;
 use crate::tilt;
 
 use point_spread::{PointSpread, Residual};
+pub use repeated_errors::Repetition;
 use repeated_errors::{Remainder, RepeatedErrors};
 
 /// Method of minimisation.
@@ -96,13 +97,16 @@ pub struct Match {
     pub tilt: [f32; 2],
     /// Of (x, y, θ, a, b).
     pub pose_tilt_covariance: Matrix5,
+    /// Variance that the points count with over the one as a single image: above 1 if images on the way repeat errors.
+    pub repetition_ratio: f32,
     /// Of (x, y, θ): the part of this image's error that further images here repeat (docs/methods.md 5.9).
     pub repeated_covariance: Matrix3<f32>,
     /// Number of parameters that the points determined, at most 5. The prior determined the others.
     pub determined_parameters: f32,
     /// Variance of the residuals over that of the points, from this image alone (docs/methods.md 5.6).
     pub observed_scale: f32,
-    /// Variance of the residuals over the one that the points state (docs/methods.md 5.6).
+    /// Variance of the points' errors in the covariance over the one that they state: that of the residuals, and what they
+    /// repeat (docs/methods.md 5.6).
     pub variance_scale: f32,
     /// Root mean square distance of the inliers from the markings, metres.
     pub residual: f32,
@@ -225,7 +229,7 @@ impl Matcher {
             pose: start,
             information: self.uninformative_prior(),
         };
-        self.repetition = self.repeated.image_factor();
+        self.repetition = self.repeated.repetition().image_factor();
         Match {
             mahalanobis_squared: 0.0,
             ..self.minimise(distances, points, uninformative, [0.0; 2], start_error)
@@ -255,6 +259,19 @@ impl Matcher {
     ) -> Match {
         self.repetition = self.repeated.sequence_factor(prior.pose);
         self.minimise(distances, points, prior, tilt, start_error)
+    }
+
+    /// The same as [`Matcher::refine_with_prior`], if the robot moved so much against the prediction that no repeated error
+    /// explains it: the points count as those of a single image.
+    pub fn refine_as_single_image(
+        &mut self,
+        distances: &DistanceField,
+        points: &[LinePoint],
+        prior: PosePrior,
+        start_error: f32,
+    ) -> Match {
+        self.repetition = self.repeated.repetition().image_factor();
+        self.minimise(distances, points, prior, [0.0; 2], start_error)
     }
 
     fn minimise(
@@ -342,7 +359,7 @@ impl Matcher {
         pose: Pose,
     ) -> Match {
         let information = self.uninformative_prior();
-        self.repetition = self.repeated.image_factor();
+        self.repetition = self.repeated.repetition().image_factor();
         self.prepare(points, PosePrior { pose, information });
         let state = Vector5::from([pose.x, pose.y, pose.theta, 0.0, 0.0]);
         let sums = self.accumulate(distances, &state, 1.0);
@@ -421,9 +438,9 @@ impl Matcher {
         );
     }
 
-    /// Variance of an image's mean error over that of independent points.
-    pub fn image_repetition(&self) -> f32 {
-        self.repeated.image_factor()
+    /// What is known about errors that repeat.
+    pub fn repetition(&self) -> Repetition {
+        self.repeated.repetition()
     }
 
     /// Initial factor of the kernel scale, such that it covers `start_error` metres.
@@ -555,8 +572,8 @@ impl Matcher {
         let scale = ((observed_scale * weight + expected_scale * stated_weight)
             / (weight + stated_weight))
             .clamp(0.1, 25.0);
-        let normal = sums.normal / (scale * NEAREST_MARKING_SCALE * self.repetition)
-            + self.prior.information;
+        let variance_scale = scale * NEAREST_MARKING_SCALE * self.repetition;
+        let normal = sums.normal / variance_scale + self.prior.information;
         let pose_tilt = normal.try_inverse().unwrap_or_else(|| {
             let information = self.uninformative_prior().diagonal();
             Matrix5::from_diagonal(&information.map(|value| 1.0 / value))
@@ -571,10 +588,11 @@ impl Matcher {
             mahalanobis_squared: deviation.dot(&(self.prior.information * deviation)),
             tilt: [state[3], state[4]],
             pose_tilt_covariance: pose_tilt,
+            repetition_ratio: self.repetition / self.repeated.repetition().image_factor(),
             repeated_covariance,
             determined_parameters: PARAMETERS as f32 - (pose_tilt * self.prior.information).trace(),
             observed_scale,
-            variance_scale: scale,
+            variance_scale,
             residual: (sums.weighted_squares / weight).sqrt(),
             mean_distance: sums.distance_sum / count,
             inlier_share: sums.inliers / count,
@@ -588,7 +606,7 @@ impl Matcher {
 impl Matcher {
     /// Covariance of (x, y, θ) by the errors that repeat. None of it is known where the points say nothing.
     fn repeated_covariance(&self, normal: &Matrix5, scale: f32) -> Matrix3<f32> {
-        let factor = self.repeated.floor_factor();
+        let factor = self.repeated.repetition().floor_factor();
         if factor < REPEATED_MIN {
             return Matrix3::zeros();
         }

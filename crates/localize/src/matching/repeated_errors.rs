@@ -54,6 +54,37 @@ impl CellSums {
     }
 }
 
+/// What of the points' errors repeats.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Repetition {
+    /// Share of their variance that repeats, 0 to 1.
+    pub share: f32,
+    /// Points of one image that have a repeated error in common, at least 1.
+    pub cluster: f32,
+}
+
+impl Repetition {
+    /// Variance of the mean error of an image over that of independent errors.
+    pub fn image_factor(self) -> f32 {
+        1.0 + self.share * (self.cluster - 1.0)
+    }
+
+    /// The same for one of many images along the way: images close together repeat their errors.
+    pub fn sequence_factor(self, from: Pose, to: Pose) -> f32 {
+        let way = math::hypot(to.x - from.x, to.y - from.y) / DISTANCE
+            + wrap_angle(to.theta - from.theta).abs() / TURN;
+        // Noise with the correlation ρ between images averages like white noise of (1 + ρ)/(1 − ρ) times its variance.
+        let correlation = math::exp(-way);
+        let images = ((1.0 + correlation) / (1.0 - correlation).max(1e-3)).min(IMAGES_MAX);
+        1.0 + self.share * (self.cluster * images - 1.0)
+    }
+
+    /// Variance of the repeated part of an image's mean error over that of independent errors.
+    pub(super) fn floor_factor(self) -> f32 {
+        self.share * self.cluster
+    }
+}
+
 /// Learned share of the errors' variance that repeats.
 #[derive(Debug, Clone)]
 pub(super) struct RepeatedErrors {
@@ -89,42 +120,26 @@ impl RepeatedErrors {
         }
     }
 
-    /// Share of the variance that repeats.
-    fn share(&self) -> f32 {
-        let all = (self.squares / self.points.max(1.0)).max(1e-6);
+    /// What the images so far say.
+    pub(super) fn repetition(&self) -> Repetition {
+        let points = self.points.max(1.0);
+        let all = (self.squares / points).max(1e-6);
         // Products of independent errors have the variance all² for each pair.
         let images = self.images.clamp(1.0, 2.0 / RATE);
         let chance = SIGNIFICANCE_SIGMAS * all * (self.pairs / images).sqrt();
         let repeated = (self.products - chance) / self.pairs.max(1.0);
-        (repeated / all).clamp(0.0, 1.0)
+        Repetition {
+            share: (repeated / all).clamp(0.0, 1.0),
+            cluster: (self.own_pairs / points).max(1.0),
+        }
     }
 
-    /// Points of one image that share a repeated error.
-    fn cluster(&self) -> f32 {
-        (self.own_pairs / self.points.max(1.0)).max(1.0)
-    }
-
-    /// Variance of the mean error of an image over that of independent errors.
-    pub(super) fn image_factor(&self) -> f32 {
-        1.0 + self.share() * (self.cluster() - 1.0)
-    }
-
-    /// The same for one of many images along the way: images close together repeat their errors.
+    /// Variance of the mean error of an image at `pose` over that of independent errors, as one of many along the way.
     pub(super) fn sequence_factor(&self, pose: Pose) -> f32 {
-        let Some(last) = self.pose else {
-            return self.image_factor();
-        };
-        let way = math::hypot(pose.x - last.x, pose.y - last.y) / DISTANCE
-            + wrap_angle(pose.theta - last.theta).abs() / TURN;
-        // Noise with the correlation ρ between images averages like white noise of (1 + ρ)/(1 − ρ) times its variance.
-        let correlation = math::exp(-way);
-        let images = ((1.0 + correlation) / (1.0 - correlation).max(1e-3)).min(IMAGES_MAX);
-        1.0 + self.share() * (self.cluster() * images - 1.0)
-    }
-
-    /// Variance of the repeated part of an image's mean error over that of independent errors.
-    pub(super) fn floor_factor(&self) -> f32 {
-        self.share() * self.cluster()
+        let repetition = self.repetition();
+        self.pose.map_or(repetition.image_factor(), |last| {
+            repetition.sequence_factor(last, pose)
+        })
     }
 
     /// Takes the errors of an image at `pose`.
@@ -218,23 +233,38 @@ mod tests {
     #[test]
     fn independent_errors_do_not_repeat() {
         let learned = learn(0.0);
-        assert!(learned.share() < 0.01, "{}", learned.share());
-        assert!(learned.image_factor() < 1.05, "{}", learned.image_factor());
+        assert!(
+            learned.repetition().share < 0.01,
+            "{}",
+            learned.repetition().share
+        );
+        assert!(
+            learned.repetition().image_factor() < 1.05,
+            "{}",
+            learned.repetition().image_factor()
+        );
     }
 
     #[test]
     fn repeated_errors_are_found_with_their_share() {
         let learned = learn(0.7);
-        assert!((learned.share() - 0.49).abs() < 0.15, "{}", learned.share());
+        assert!(
+            (learned.repetition().share - 0.49).abs() < 0.15,
+            "{}",
+            learned.repetition().share
+        );
         // Two or three points per metre.
         assert!(
-            (1.5..3.5).contains(&learned.cluster()),
+            (1.5..3.5).contains(&learned.repetition().cluster),
             "{}",
-            learned.cluster()
+            learned.repetition().cluster
         );
         let beside = learned.sequence_factor(Pose::new(21.0, 0.0, 0.0));
-        assert!(beside > 4.0 * learned.image_factor(), "{beside}");
+        assert!(
+            beside > 4.0 * learned.repetition().image_factor(),
+            "{beside}"
+        );
         let far = learned.sequence_factor(Pose::new(30.0, 0.0, 0.0));
-        assert!(far < 1.6 * learned.image_factor(), "{far}");
+        assert!(far < 1.6 * learned.repetition().image_factor(), "{far}");
     }
 }
