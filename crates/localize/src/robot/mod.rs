@@ -331,7 +331,7 @@ fn include_files(robot: &mut RobotConfig, folder: &Path) -> Result<(), RobotConf
 }
 
 fn include_file(robot: &mut RobotConfig, path: &Path) -> Result<(), RobotConfigError> {
-    let (text, file) = read_file(path)?;
+    let (file, text): (CalibrationFile, _) = toml_file::read(path)?;
     let rejected = |(key, reason): (&'static str, String)| RobotConfigError::Value {
         place: key_location(path, &text, key),
         key,
@@ -364,19 +364,6 @@ fn include_file(robot: &mut RobotConfig, path: &Path) -> Result<(), RobotConfigE
         camera.outer_radius_px = Some(rim.outer_radius_px);
     }
     robot.check().map_err(rejected)
-}
-
-fn read_file(path: &Path) -> Result<(String, CalibrationFile), RobotConfigError> {
-    let path_buf = || -> PathBuf { path.to_owned() };
-    let text = std::fs::read_to_string(path).map_err(|source| RobotConfigError::Read {
-        path: path_buf(),
-        source,
-    })?;
-    let file = toml::from_str(&text).map_err(|source| RobotConfigError::Parse {
-        path: path_buf(),
-        source: Box::new(source),
-    })?;
-    Ok((text, file))
 }
 
 impl BaseConfig {
