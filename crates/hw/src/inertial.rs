@@ -166,8 +166,8 @@ impl InertialDecoder {
             if let Some(imu) = reading.imu.filter(|_| usable) {
                 readings.push(DeviceEvent::Imu(Imu {
                     stamp: arrival,
-                    acceleration: self.to_robot_frame(imu.acceleration),
-                    rate: self.to_robot_frame(imu.rate),
+                    specific_force: self.to_robot_frame(imu.acceleration),
+                    angular_velocity: self.to_robot_frame(imu.rate),
                 }));
             }
             if let Some(yaw) = reading.yaw.filter(|_| self.compass && !self.magnetometer) {
@@ -387,8 +387,8 @@ mod tests {
             };
             for event in decoder.decode(&message.encode(), Stamp(i64::from(step))) {
                 if let DeviceEvent::Imu(imu) = event {
-                    rates.push(imu.rate[2]);
-                    assert!((imu.acceleration[2] - 9.806_65).abs() < 1e-4);
+                    rates.push(imu.angular_velocity[2]);
+                    assert!((imu.specific_force[2] - 9.806_65).abs() < 1e-4);
                 }
             }
         }
@@ -419,11 +419,13 @@ mod tests {
         let [DeviceEvent::Imu(imu), DeviceEvent::Compass(compass)] = readings[..] else {
             panic!("{readings:?}");
         };
-        assert!((imu.acceleration[1] - 9.806_65).abs() < 1e-3 && imu.acceleration[0].abs() < 1e-3);
         assert!(
-            (imu.rate[0].to_degrees() + 99.976).abs() < 0.01,
+            (imu.specific_force[1] - 9.806_65).abs() < 1e-3 && imu.specific_force[0].abs() < 1e-3
+        );
+        assert!(
+            (imu.angular_velocity[0].to_degrees() + 99.976).abs() < 0.01,
             "{:?}",
-            imu.rate
+            imu.angular_velocity
         );
         assert!((compass.heading.to_degrees() + 35.0).abs() < 0.01);
     }

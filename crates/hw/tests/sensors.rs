@@ -274,7 +274,7 @@ fn images_carry_the_setting_that_the_camera_reports_and_a_gain_has_fractions() {
         image.setting
     };
     assert_eq!(next_setting(&mut sender, 1), None);
-    let wanted = localize::robot::CameraSetting {
+    let wanted = localize::robot::ExposureSetting {
         exposure: 0.004,
         gain: 2.5,
     };

@@ -150,8 +150,8 @@ fn bench_filter(criterion: &mut Criterion) {
         dt: 0.01,
         imu: Some(ImuInterval {
             specific_force: [0.1, -0.1],
-            rate: [0.0, 0.0, 0.2],
-            yaw_rate: 0.2,
+            mean_angular_velocity: [0.0, 0.0, 0.2],
+            final_yaw_rate: 0.2,
             vibration_std: 0.15,
             sample_period: 0.01,
         }),

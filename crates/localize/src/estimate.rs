@@ -52,13 +52,13 @@ pub struct Fit {
     /// Share of the line points on markings.
     pub on_markings: f32,
     /// Root mean square distance of these points from the markings, metres.
-    pub residual: f32,
+    pub inlier_rms: f32,
     /// Share of the markings in sight at which a line point was seen.
     pub markings_seen: f32,
     /// Agreement of the wheels with the poses: 1 if equal, 0 if unrelated, −1 if opposite. None before enough motion.
-    pub wheels: Option<f32>,
+    pub wheel_agreement: Option<f32>,
     /// Mean cosine of the compass's deviation from the heading. None before enough readings.
-    pub compass: Option<f32>,
+    pub compass_agreement: Option<f32>,
 }
 
 /// Localization result of one image.
@@ -76,7 +76,7 @@ pub struct Estimate {
     /// Why it is not simply tracked.
     pub reason: Option<Reason>,
     /// Root mean square distance of the inliers from the markings, metres.
-    pub residual: f32,
+    pub inlier_rms: f32,
     /// Share of the points on markings.
     pub inlier_share: f32,
     /// Line points used.
@@ -113,7 +113,7 @@ impl Estimate {
             covariance,
             mode: Mode::Tracking,
             reason: None,
-            residual: 0.0,
+            inlier_rms: 0.0,
             inlier_share: 1.0,
             line_points: 50,
             tilt: [0.0; 2],

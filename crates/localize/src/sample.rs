@@ -71,7 +71,9 @@ pub struct Imu {
     /// Time of the reading.
     pub stamp: Stamp,
     /// Specific force, m/s².
-    pub acceleration: [f32; 3],
-    /// Angular rate, rad/s.
-    pub rate: [f32; 3],
+    #[serde(rename = "acceleration")]
+    pub specific_force: [f32; 3],
+    /// Angular velocity, rad/s.
+    #[serde(rename = "rate")]
+    pub angular_velocity: [f32; 3],
 }

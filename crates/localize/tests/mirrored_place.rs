@@ -38,8 +38,8 @@ fn recover(imu: bool, latency: f64) -> (f64, f64) {
         if imu {
             localizer.add_imu(&Imu {
                 stamp,
-                acceleration: [0.0, 0.0, 9.806_65],
-                rate: [0.0, 0.0, TURN_RATE as f32],
+                specific_force: [0.0, 0.0, 9.806_65],
+                angular_velocity: [0.0, 0.0, TURN_RATE as f32],
             });
         }
         localizer.add_odometry(&Odometry {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use localize::Stamp;
 use localize::estimate::Estimate;
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::{TeamReport, TeamView};
 use localize::world::WorldView;
@@ -56,7 +56,7 @@ pub struct Inputs {
     /// The image, if there is one.
     pub image: Option<SourceImage>,
     /// Exposure and gain with which the image was taken, if the camera reports them.
-    pub exposure_setting: Option<CameraSetting>,
+    pub exposure_setting: Option<ExposureSetting>,
     /// All settings (TOML), if they were changed during the run and hold from this cycle on.
     pub changed_config_toml: Option<Arc<str>>,
 }

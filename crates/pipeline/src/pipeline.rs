@@ -9,7 +9,7 @@ use localize::field::GoalColour;
 use localize::map_correction::{MapBasis, MapCorrection};
 
 use localize::localizer::Localizer;
-use localize::robot::{CameraSetting, ImuCalibration, OdometryCalibration};
+use localize::robot::{ExposureSetting, ImuCalibration, OdometryCalibration};
 use localize::sample::{GoalObservation, LinePoint};
 use localize::team::TeamModel;
 use localize::world::WorldModel;
@@ -261,13 +261,13 @@ impl Pipeline {
         &mut self,
         stamp: Stamp,
         content: ImageContent,
-        setting: Option<CameraSetting>,
+        setting: Option<ExposureSetting>,
     ) -> Features {
         match content {
             ImageContent::Pixels(image) => {
                 let control = self.exposure.as_mut();
                 let exposure = control.and_then(|control| control.process(&image.view(), setting));
-                let light_jumped = exposure.is_some_and(|status| status.light_jumped);
+                let light_jumped = exposure.is_some_and(|status| status.setting_changed_brightness);
                 let features = match self.run_vision(stamp, &image, light_jumped) {
                     Ok(detections) => Features::from_detections(detections),
                     Err(fault) => Features::from_fault(fault),

@@ -250,8 +250,8 @@ fn read_imu(folder: &Path) -> Result<Vec<RecordedSample>> {
         let [ax, ay, az, wx, wy, wz] = parse_floats(row, IMU_COLUMNS)?;
         let imu = Imu {
             stamp: parse_stamp(row)?,
-            acceleration: [ax, ay, az],
-            rate: [wx, wy, wz],
+            specific_force: [ax, ay, az],
+            angular_velocity: [wx, wy, wz],
         };
         Ok(RecordedSample {
             stamp: imu.stamp,

@@ -106,10 +106,10 @@ fn fit_columns(estimate: &Estimate) -> String {
     format!(
         "{reason},{:.3},{:.4},{:.3},{},{}",
         estimate.inlier_share,
-        estimate.residual,
+        estimate.inlier_rms,
         estimate.fit.markings_seen,
-        optional(estimate.fit.wheels),
-        optional(estimate.fit.compass)
+        optional(estimate.fit.wheel_agreement),
+        optional(estimate.fit.compass_agreement)
     )
 }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use localize::Pose;
 use localize::Stamp;
 use localize::frames::{At, FieldFrame};
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::TeamReport;
 use vision::image::{Image, ImageView, PixelFormat};
@@ -57,7 +57,7 @@ pub struct CameraImage {
     /// Time of exposure.
     pub stamp: Stamp,
     /// Exposure and gain with which the image was taken, if the camera reports them.
-    pub setting: Option<CameraSetting>,
+    pub setting: Option<ExposureSetting>,
     /// Pixels, or features that replace them.
     pub content: ImageContent,
 }

@@ -9,7 +9,7 @@ use localize::frames::At;
 use localize::global_search::branch_and_bound::Hypothesis;
 use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::{self, TeamBall, TeamReport, TeamView, Teammate};
 use localize::world::{FieldState, TeamColour, TrackedObject, WorldView};
@@ -93,8 +93,8 @@ impl RandomValues {
             }],
             imu: vec![Imu {
                 stamp,
-                acceleration: self.values(),
-                rate: self.values(),
+                specific_force: self.values(),
+                angular_velocity: self.values(),
             }],
             commands: vec![VelocityCommand {
                 stamp,
@@ -127,7 +127,7 @@ impl RandomValues {
                 people: Vec::new(),
             }),
             image: None,
-            exposure_setting: Some(CameraSetting {
+            exposure_setting: Some(ExposureSetting {
                 exposure: self.value(),
                 gain: self.value(),
             }),
@@ -245,7 +245,7 @@ impl RandomValues {
                     robot: 3,
                     age: self.value(),
                     pose: Some(self.pose()),
-                    agrees,
+                    ball_agrees: agrees,
                 })
                 .into(),
             half_log_odds: self.value(),
@@ -253,7 +253,7 @@ impl RandomValues {
     }
 
     fn exposure(&mut self, number: u64) -> ExposureStatus {
-        let mut setting = || CameraSetting {
+        let mut setting = || ExposureSetting {
             exposure: self.value(),
             gain: self.value(),
         };
@@ -264,10 +264,10 @@ impl RandomValues {
                 from_frame: number,
             }),
             searching: true,
-            light_jumped: number.is_multiple_of(3),
-            warning: false,
+            setting_changed_brightness: number.is_multiple_of(3),
+            uncontrolled_light_change: false,
             entropy: self.value(),
-            level: self.value(),
+            centre_brightness: self.value(),
         }
     }
 
@@ -279,7 +279,7 @@ impl RandomValues {
             covariance: self.matrix(),
             mode: [Mode::Lost, Mode::Tracking, Mode::Global][number as usize % 3],
             reason: lost.then_some(Reason::NoMatch),
-            residual: self.value(),
+            inlier_rms: self.value(),
             inlier_share: self.value(),
             line_points: 50,
             tilt: self.values(),
@@ -295,10 +295,10 @@ impl RandomValues {
             latency: self.value(),
             fit: Fit {
                 on_markings: self.value(),
-                residual: self.value(),
+                inlier_rms: self.value(),
                 markings_seen: self.value(),
-                wheels: (!lost).then(|| self.value()),
-                compass: lost.then(|| self.value()),
+                wheel_agreement: (!lost).then(|| self.value()),
+                compass_agreement: lost.then(|| self.value()),
             },
             map_correction: number.is_multiple_of(2).then(|| MapCorrectionEstimate {
                 terms: [TermKind::MirrorTiltX, TermKind::Range(3)]
@@ -318,7 +318,7 @@ impl RandomValues {
                 covariance: self.matrix(),
                 score: self.value(),
                 inlier_share: self.value(),
-                residual: self.value(),
+                inlier_rms: self.value(),
                 tilt: self.values(),
                 probability: self.value(),
             }],

@@ -53,12 +53,12 @@ impl ImuModel {
         ];
         Imu {
             stamp,
-            acceleration: std::array::from_fn(|axis| {
+            specific_force: std::array::from_fn(|axis| {
                 force[axis]
                     + self.acceleration_bias[axis]
                     + self.acceleration_noise * standard_normal(rng)
             }),
-            rate: std::array::from_fn(|axis| {
+            angular_velocity: std::array::from_fn(|axis| {
                 rates[axis] + self.rate_bias[axis] + self.rate_noise * standard_normal(rng)
             }),
         }

@@ -276,7 +276,7 @@ impl FolderRecorder {
             }
             DeviceEvent::Imu(sample) => {
                 let stamp = format_seconds(sample.stamp);
-                let ([ax, ay, az], [wx, wy, wz]) = (sample.acceleration, sample.rate);
+                let ([ax, ay, az], [wx, wy, wz]) = (sample.specific_force, sample.angular_velocity);
                 self.imu
                     .write_row(format_args!("{stamp},{ax},{ay},{az},{wx},{wy},{wz}"))
             }

@@ -21,7 +21,7 @@ pub(crate) use pipeline::datagram::TeamLinkConfig;
 pub(crate) use state_sender::{CommandStatus, OutputConfig, StateSender};
 pub(crate) use team::TeamTransport;
 
-use crate::run::tuning::TuningDesk;
+use crate::run::tuning::TuningHandle;
 use crate::stream::{self, StreamConfig, StreamPreamble};
 use pipeline::feed::Feed;
 
@@ -99,7 +99,7 @@ impl NetworkConfig {
     pub(crate) fn start(
         &self,
         feed: &Feed,
-        (preamble, tuning): (StreamPreamble<'_>, Option<TuningDesk>),
+        (preamble, tuning): (StreamPreamble<'_>, Option<TuningHandle>),
         session: u64,
         clock: impl Fn() -> Stamp + Clone + Send + 'static,
         execute: impl FnMut(RemoteCommand) -> bool + Send + 'static,

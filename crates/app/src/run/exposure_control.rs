@@ -1,7 +1,7 @@
 //! How do the commands of the exposure control reach the camera?
 
 use hw::{CameraDriver, Devices};
-use localize::robot::{CameraControl, CameraSetting};
+use localize::robot::{CameraControl, ExposureSetting};
 use vision::exposure::ExposureCommand;
 
 /// Passes the commands of the exposure control to the camera.
@@ -14,7 +14,7 @@ impl<'a> ExposureControl<'a> {
     pub(super) fn start(devices: &'a Devices, control: Option<CameraControl>) -> Self {
         let camera = devices.camera.as_ref().zip(control);
         if let Some((camera, control)) = &camera {
-            let first = CameraSetting {
+            let first = ExposureSetting {
                 exposure: control.exposure,
                 gain: control.gain,
             };

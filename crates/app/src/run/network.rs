@@ -9,7 +9,7 @@ use localize::omni::Twist;
 use localize::team::TeamReport;
 
 use super::command_arbiter::{CommandArbiter, CommandError, CommandSource};
-use super::tuning::TuningDesk;
+use super::tuning::TuningHandle;
 use crate::net::commands::CommandCounts;
 use crate::net::{Network, NetworkConfig, RemoteCommand};
 use crate::stream::{StreamConfig, StreamPreamble};
@@ -61,7 +61,7 @@ impl RunNetwork {
         config: &NetworkConfig,
         feed: &Feed,
         preamble: StreamPreamble<'_>,
-        tuning: Option<TuningDesk>,
+        tuning: Option<TuningHandle>,
         arbiter: &CommandArbiter,
     ) -> Result<Self> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH);

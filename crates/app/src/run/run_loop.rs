@@ -441,9 +441,9 @@ fn is_finite(sample: &Sample) -> bool {
         Sample::Odometry(odometry) => (odometry.dx + odometry.dy + odometry.dtheta).is_finite(),
         Sample::Compass(compass) => compass.heading.is_finite(),
         Sample::Imu(imu) => imu
-            .acceleration
+            .specific_force
             .iter()
-            .chain(&imu.rate)
+            .chain(&imu.angular_velocity)
             .all(|value| value.is_finite()),
         Sample::Command(_)
         | Sample::TeamReport(_)

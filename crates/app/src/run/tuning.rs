@@ -29,13 +29,13 @@ pub(crate) struct PreparedPipeline {
 
 /// The run's side of the tuning.
 pub(crate) struct Tuning {
-    desk: TuningDesk,
+    desk: TuningHandle,
     prepared: Receiver<PreparedPipeline>,
 }
 
 /// The stream's side of the tuning; clones share it.
 #[derive(Clone)]
-pub(crate) struct TuningDesk {
+pub(crate) struct TuningHandle {
     requests: SyncSender<PipelineConfig>,
     shared: Arc<Mutex<TuningState>>,
     key: Option<MacKey>,
@@ -99,7 +99,7 @@ impl Tuning {
             .name("tuning".to_owned())
             .spawn(build)?;
         Ok(Tuning {
-            desk: TuningDesk {
+            desk: TuningHandle {
                 requests,
                 shared,
                 key: key.map(MacKey::new).transpose()?,
@@ -109,7 +109,7 @@ impl Tuning {
     }
 
     /// The stream's side.
-    pub(crate) fn desk(&self) -> TuningDesk {
+    pub(crate) fn desk(&self) -> TuningHandle {
         self.desk.clone()
     }
 
@@ -124,7 +124,7 @@ impl Tuning {
     }
 }
 
-impl TuningDesk {
+impl TuningHandle {
     /// What a client sees now.
     pub(crate) fn view(&self) -> TuningView {
         let state = lock(&self.shared);
@@ -294,7 +294,7 @@ mod tests {
     #[test]
     fn changes_need_the_seal_for_the_present_nonce() {
         let (requests, received) = sync_channel(8);
-        let desk = TuningDesk {
+        let desk = TuningHandle {
             requests,
             shared: Arc::new(Mutex::new(TuningState {
                 initial: PipelineConfig::default(),

@@ -5,7 +5,7 @@ use foxglove::websocket::{
     SetParametersResponder,
 };
 
-use crate::run::tuning::{TuningDesk, flatten};
+use crate::run::tuning::{TuningHandle, flatten};
 
 /// Number that the next seal must contain.
 pub(crate) const NONCE: &str = "tuning.nonce";
@@ -19,7 +19,7 @@ pub(super) const SEAL: &str = "tuning.seal";
 const REVOKE: &str = "tuning.revoke";
 
 /// Answers the parameter requests of all viewers.
-pub(super) struct SettingsHandler(pub(super) TuningDesk);
+pub(super) struct SettingsHandler(pub(super) TuningHandle);
 
 impl ParameterHandler for SettingsHandler {
     fn get(
@@ -52,7 +52,7 @@ impl ParameterHandler for SettingsHandler {
     }
 }
 
-fn request_change(desk: &TuningDesk, parameters: Vec<Parameter>) -> anyhow::Result<()> {
+fn request_change(desk: &TuningHandle, parameters: Vec<Parameter>) -> anyhow::Result<()> {
     let (mut overlay, mut seal) = (String::new(), None);
     let settings = flatten(&desk.view().config.to_table()?);
     for Parameter { name, value, .. } in parameters {
@@ -73,7 +73,7 @@ fn request_change(desk: &TuningDesk, parameters: Vec<Parameter>) -> anyhow::Resu
 }
 
 /// All parameters with their present values.
-pub(super) fn all_parameters(desk: &TuningDesk) -> Vec<Parameter> {
+pub(super) fn all_parameters(desk: &TuningHandle) -> Vec<Parameter> {
     let view = desk.view();
     let text = |name: &str, text: &str| Parameter {
         name: name.to_owned(),

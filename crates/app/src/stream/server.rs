@@ -14,7 +14,7 @@ use localize::{Field, Stamp};
 use super::config::StreamConfig;
 use super::guard::{Guard, GuardedServer};
 use super::parameters::{SettingsHandler, all_parameters};
-use crate::run::tuning::TuningDesk;
+use crate::run::tuning::TuningHandle;
 use pipeline::feed::{Feed, RecvError, Subscription};
 use pipeline::log::Header;
 use pipeline::log::publisher::CyclePublisher;
@@ -50,7 +50,7 @@ impl StreamServer {
     pub(crate) fn start(
         feed: &Feed,
         preamble: StreamPreamble<'_>,
-        tuning: Option<TuningDesk>,
+        tuning: Option<TuningHandle>,
         config: &StreamConfig,
     ) -> Result<Self> {
         config.check()?;
@@ -163,7 +163,7 @@ struct FoxgloveServer {
     context: Arc<Context>,
     backlog: usize,
     new_viewers: Arc<Mutex<Vec<NewViewer>>>,
-    tuning: Option<TuningDesk>,
+    tuning: Option<TuningHandle>,
     handle: Option<WebSocketServerHandle>,
 }
 
@@ -172,7 +172,7 @@ impl FoxgloveServer {
         context: &Arc<Context>,
         backlog: usize,
         new_viewers: &Arc<Mutex<Vec<NewViewer>>>,
-        tuning: Option<TuningDesk>,
+        tuning: Option<TuningHandle>,
     ) -> Result<Self> {
         let mut server = FoxgloveServer {
             context: context.clone(),
@@ -239,7 +239,7 @@ struct StreamWorker {
     new_viewers: Arc<Mutex<Vec<NewViewer>>>,
     stop_requested: Arc<AtomicBool>,
     /// The settings, and the revision that viewers have.
-    tuning: Option<(TuningDesk, u64)>,
+    tuning: Option<(TuningHandle, u64)>,
     server: Arc<Mutex<FoxgloveServer>>,
     /// Connects channels and viewers; must live as long as the thread.
     _context: Arc<Context>,

@@ -182,8 +182,8 @@ impl DeviceMonitor {
             compass.record(sample.stamp, [bits(sample.heading), 0, 0, 0, 0, 0]);
         }
         for sample in &cycle.inputs.imu {
-            let [ax, ay, az] = sample.acceleration.map(bits);
-            let [rx, ry, rz] = sample.rate.map(bits);
+            let [ax, ay, az] = sample.specific_force.map(bits);
+            let [rx, ry, rz] = sample.angular_velocity.map(bits);
             imu.record(sample.stamp, [ax, ay, az, rx, ry, rz]);
         }
     }

@@ -112,7 +112,7 @@ fn report_markdown(session: &Session) -> Result<String> {
                 pose.x,
                 pose.y,
                 pose.theta.to_degrees(),
-                100.0 * estimate.residual,
+                100.0 * estimate.inlier_rms,
                 estimate.line_points,
                 100.0 * estimate.inlier_share
             )?;

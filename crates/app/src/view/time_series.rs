@@ -171,7 +171,7 @@ impl CycleMetrics {
             set(Quantity::StdX, std(0));
             set(Quantity::StdY, std(1));
             set(Quantity::StdHeading, std(2).to_degrees());
-            set(Quantity::Residual, estimate.residual);
+            set(Quantity::Residual, estimate.inlier_rms);
             set(Quantity::InlierShare, estimate.inlier_share);
             if let Some(truth) = truth {
                 set(
@@ -196,7 +196,7 @@ impl CycleMetrics {
         }
         if let Some(reading) = &cycle.exposure {
             set(Quantity::Entropy, reading.entropy);
-            set(Quantity::Brightness, reading.level);
+            set(Quantity::Brightness, reading.centre_brightness);
             if let Some(setting) = reading.applied_setting {
                 set(Quantity::ExposureTime, setting.exposure);
                 set(Quantity::Gain, setting.gain);
@@ -213,9 +213,9 @@ impl CycleMetrics {
             values[Quantity::Wheel0 as usize + wheel] = speed;
         }
         if let Some(imu) = cycle.inputs.imu.last() {
-            values[Quantity::AccelerationX as usize] = imu.acceleration[0];
-            values[Quantity::AccelerationY as usize] = imu.acceleration[1];
-            values[Quantity::YawRate as usize] = imu.rate[2].to_degrees();
+            values[Quantity::AccelerationX as usize] = imu.specific_force[0];
+            values[Quantity::AccelerationY as usize] = imu.specific_force[1];
+            values[Quantity::YawRate as usize] = imu.angular_velocity[2].to_degrees();
         }
         let coordinates = |pose: localize::Pose| [pose.x, pose.y, pose.theta];
         CycleMetrics {

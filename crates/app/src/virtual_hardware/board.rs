@@ -125,8 +125,12 @@ impl VirtualBoard {
     pub(super) fn encode_imu(&mut self, imu: &Imu, time_us: u32) -> Vec<u8> {
         self.encode(Inertia {
             time_us,
-            acceleration_2mm: imu.acceleration.map(|value| (value * 500.0).round() as i16),
-            rate_mrad: imu.rate.map(|value| (value * 1000.0).round() as i16),
+            acceleration_2mm: imu
+                .specific_force
+                .map(|value| (value * 500.0).round() as i16),
+            rate_mrad: imu
+                .angular_velocity
+                .map(|value| (value * 1000.0).round() as i16),
         })
     }
 

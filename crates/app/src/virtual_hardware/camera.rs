@@ -11,7 +11,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use hw::camera::Encoding;
 use hw::wire::image_stream::{HEADER_BYTES, ImageHeader, SETTINGS_BYTES, SettingsMessage};
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 
 use super::timing::raise_thread_priority;
 
@@ -30,7 +30,7 @@ pub(super) struct QueuedImage {
     /// Columns and rows.
     pub(super) size_px: [usize; 2],
     /// Exposure, seconds, and gain with which it was taken.
-    pub(super) setting: CameraSetting,
+    pub(super) setting: ExposureSetting,
     /// Red, green, blue.
     pub(super) rgb: Arc<Vec<u8>>,
     /// Only this share of it is sent, and then nothing more.
@@ -48,7 +48,7 @@ pub(super) struct VirtualCamera {
 #[derive(Debug, Default)]
 struct CameraState {
     newest: Mutex<Option<QueuedImage>>,
-    commanded_setting: Mutex<Option<CameraSetting>>,
+    commanded_setting: Mutex<Option<ExposureSetting>>,
     image_queued: Condvar,
     unplugged: AtomicBool,
     stop_requested: AtomicBool,
@@ -97,7 +97,7 @@ impl VirtualCamera {
     }
 
     /// Exposure, seconds, and gain that a reader has set since the last call.
-    pub(super) fn take_commanded_setting(&self) -> Option<CameraSetting> {
+    pub(super) fn take_commanded_setting(&self) -> Option<ExposureSetting> {
         self.shared.commanded_setting().take()
     }
 
@@ -131,7 +131,7 @@ impl CameraState {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn commanded_setting(&self) -> MutexGuard<'_, Option<CameraSetting>> {
+    fn commanded_setting(&self) -> MutexGuard<'_, Option<ExposureSetting>> {
         let setting = self.commanded_setting.lock();
         setting.unwrap_or_else(PoisonError::into_inner)
     }
@@ -146,7 +146,7 @@ impl CameraState {
             None => settings.gain as f32,
         };
         if settings.exposure_us > 0 && gain > 0.0 {
-            *self.commanded_setting() = Some(CameraSetting {
+            *self.commanded_setting() = Some(ExposureSetting {
                 exposure: settings.exposure_us as f32 * 1e-6,
                 gain,
             });

@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use hw::camera::Encoding;
 use localize::Stamp;
 use localize::omni::OmniKinematics;
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use sim::Simulator;
@@ -130,9 +130,9 @@ impl VirtualDevices {
 
     /// Exposure and gain that the camera was commanded since the last call, unit of the simulator, within the limits of
     /// the virtual camera.
-    pub(super) fn commanded_setting(&self) -> Option<CameraSetting> {
+    pub(super) fn commanded_setting(&self) -> Option<ExposureSetting> {
         let setting = self.camera.take_commanded_setting()?;
-        Some(CameraSetting {
+        Some(ExposureSetting {
             exposure: (setting.exposure / EXPOSURE_UNIT).clamp(EXPOSURE_MIN, EXPOSURE_MAX),
             gain: setting.gain.clamp(GAIN_MIN, GAIN_MAX),
         })
@@ -229,14 +229,14 @@ impl VirtualDevices {
     fn send_image(
         &mut self,
         image: sim::simulation::SimImage,
-        setting: CameraSetting,
+        setting: ExposureSetting,
         at: Stamp,
         time: f64,
     ) {
         let clock_fault = self.faults.active(HardwareFaultKind::CameraClock, time);
         let mut queued = QueuedImage {
             stamp_ns: (at + clock_fault.map_or(0.0, |fault| fault.step)).0,
-            setting: CameraSetting {
+            setting: ExposureSetting {
                 exposure: setting.exposure * EXPOSURE_UNIT,
                 ..setting
             },

@@ -44,11 +44,11 @@ impl ImuEncoder {
         [
             (
                 DataType::Acceleration,
-                raw(imu.acceleration, DataType::Acceleration.full_scale()),
+                raw(imu.specific_force, DataType::Acceleration.full_scale()),
             ),
             (
                 DataType::AngularRate,
-                raw(imu.rate, DataType::AngularRate.full_scale()),
+                raw(imu.angular_velocity, DataType::AngularRate.full_scale()),
             ),
         ]
         .into_iter()
@@ -62,7 +62,7 @@ impl ImuEncoder {
             .last
             .replace(imu.stamp)
             .map_or(0.0, |last| imu.stamp - last);
-        self.bno085_yaw = wrap_angle(self.bno085_yaw + imu.rate[2] * elapsed as f32);
+        self.bno085_yaw = wrap_angle(self.bno085_yaw + imu.angular_velocity[2] * elapsed as f32);
         self.index = self.index.wrapping_add(1);
         Rvc {
             index: self.index,
@@ -70,7 +70,7 @@ impl ImuEncoder {
             pitch_cdeg: 0,
             roll_cdeg: 0,
             acceleration_mg: imu
-                .acceleration
+                .specific_force
                 .map(|value| (value / STANDARD_GRAVITY * 1000.0).round() as i16),
         }
         .encode()

@@ -10,7 +10,7 @@ use std::time::Duration;
 use anyhow::Result;
 use localize::Stamp;
 use localize::omni::Twist;
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 use sim::image_sensor::ImageSensorConfig;
 use sim::{SimSample, Simulator};
 
@@ -31,7 +31,7 @@ pub(super) struct ScheduledSample {
     /// Angle of each wheel since the start, radians; for odometry only.
     pub(super) wheel_angles: Vec<f64>,
     /// With which exposure and gain an image was taken, unit of the simulator.
-    pub(super) setting: CameraSetting,
+    pub(super) setting: ExposureSetting,
 }
 
 /// The simulation in its own thread.
@@ -45,7 +45,7 @@ pub(super) struct RealTimeSim {
 #[derive(Default)]
 struct RealTimeSimState {
     commanded_twist: Mutex<Twist>,
-    commanded_setting: Mutex<Option<CameraSetting>>,
+    commanded_setting: Mutex<Option<ExposureSetting>>,
     lag: Mutex<f64>,
     stop_requested: AtomicBool,
 }
@@ -78,7 +78,7 @@ impl RealTimeSim {
                     _ => Vec::new(),
                 };
                 let sensor = sim.image_sensor();
-                let setting = CameraSetting {
+                let setting = ExposureSetting {
                     exposure: sensor.exposure,
                     gain: sensor.gain,
                 };
@@ -122,7 +122,7 @@ impl RealTimeSim {
     }
 
     /// Sets exposure and gain of the following images, unit of the simulator.
-    pub(super) fn command_camera(&self, setting: CameraSetting) {
+    pub(super) fn command_camera(&self, setting: ExposureSetting) {
         *lock(&self.shared.commanded_setting) = Some(setting);
     }
 
@@ -145,8 +145,8 @@ impl RealTimeSim {
 }
 
 /// Sets exposure and gain of the simulated camera.
-fn apply_command(sim: &mut Simulator, command: Option<CameraSetting>) {
-    if let Some(CameraSetting { exposure, gain }) = command {
+fn apply_command(sim: &mut Simulator, command: Option<ExposureSetting>) {
+    if let Some(ExposureSetting { exposure, gain }) = command {
         let sensor = ImageSensorConfig {
             exposure,
             gain,

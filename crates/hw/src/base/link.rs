@@ -446,10 +446,10 @@ fn decode_board_message(
         Message::Inertia(inertia) if device.imu && is_unsaturated(&inertia) => {
             BaseReport::Imu(Imu {
                 stamp: clock.update_host_stamp(inertia.time_us, now),
-                acceleration: inertia
+                specific_force: inertia
                     .acceleration_2mm
                     .map(|value| f32::from(value) * 2e-3),
-                rate: inertia.rate_mrad.map(|value| f32::from(value) * 1e-3),
+                angular_velocity: inertia.rate_mrad.map(|value| f32::from(value) * 1e-3),
             })
         }
         Message::Heading(heading) if device.compass => BaseReport::Compass(Compass {

@@ -5,7 +5,7 @@ use aravis::{
     StreamExt, glib,
 };
 use localize::Stamp;
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 
 use super::image::{BufferPool, Capture, CapturedImage, Encoding};
 use super::settings::CameraSettings;
@@ -145,8 +145,8 @@ impl GenICam {
     }
 
     /// Exposure and gain that the camera reports. `None` if it does not.
-    pub(super) fn setting_in_force(&self) -> Option<CameraSetting> {
-        Some(CameraSetting {
+    pub(super) fn applied_setting(&self) -> Option<ExposureSetting> {
+        Some(ExposureSetting {
             exposure: (self.camera.exposure_time().ok()? * 1e-6) as f32,
             gain: self.camera.gain().ok()? as f32,
         })

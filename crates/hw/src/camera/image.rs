@@ -4,7 +4,7 @@ use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use localize::Stamp;
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 
 /// Pixel encoding of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -180,7 +180,7 @@ pub struct CapturedImage {
     /// True if the compared bytes equal those of the image before: it shows nothing new.
     pub repeated: bool,
     /// Exposure (seconds) and gain (unit of the driver) of this image; `None` if the camera does not report them.
-    pub setting: Option<CameraSetting>,
+    pub setting: Option<ExposureSetting>,
     /// Rows from top to bottom.
     pub data: Arc<PooledBytes>,
 }

@@ -1,10 +1,10 @@
 //! How do images arrive from a camera? One thread per camera delivers the newest image and detects stalls and repeats.
 
+mod applied_setting_history;
 #[cfg(feature = "aravis")]
 mod genicam;
 mod image;
 mod jpeg;
-mod setting_in_force;
 mod settings;
 mod socket;
 mod stamp_validator;
@@ -15,7 +15,7 @@ use std::os::fd::AsFd;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use localize::Stamp;
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 
 pub use image::{CapturedImage, Encoding, PooledBytes};
 pub use settings::CameraSettings;
@@ -27,8 +27,8 @@ use crate::event_queue::{DeviceEvent, EventQueue};
 use crate::health::{HealthReport, HealthState};
 use crate::monitor::Monitor;
 use crate::worker::{POLL_PERIOD, PauseDetector, StallDetector, Waker, Worker, pause_reason};
+use applied_setting_history::AppliedSettingHistory;
 use image::{BufferPool, Capture};
-use setting_in_force::SettingInForce;
 use socket::ImageSocket;
 use stamp_validator::StampValidator;
 use v4l2::V4l2;
@@ -93,12 +93,12 @@ impl CameraBackend {
     }
 
     /// Exposure and gain that the device reports. `None` if it does not, or if its images carry them.
-    fn setting_in_force(&self) -> Option<CameraSetting> {
+    fn applied_setting(&self) -> Option<ExposureSetting> {
         match self {
-            CameraBackend::V4l2(camera) => camera.setting_in_force(),
+            CameraBackend::V4l2(camera) => camera.applied_setting(),
             CameraBackend::Socket(_) => None,
             #[cfg(feature = "aravis")]
-            CameraBackend::GenICam(camera) => camera.setting_in_force(),
+            CameraBackend::GenICam(camera) => camera.applied_setting(),
         }
     }
 
@@ -151,7 +151,7 @@ impl CameraDriver {
         let mut capture_loop = CaptureLoop {
             device: device.clone(),
             settings: None,
-            in_force: SettingInForce::default(),
+            in_force: AppliedSettingHistory::default(),
             pending_settings: Arc::clone(&pending_settings),
             pool: BufferPool::default(),
             monitor: monitor.clone(),
@@ -181,7 +181,7 @@ impl CameraDriver {
     /// from a command to the first one exposed with it.
     ///
     /// The device limits and rounds them. [`CapturedImage::setting`] has what is in force.
-    pub fn set_exposure(&self, setting: CameraSetting, delay_frames: u64) {
+    pub fn set_exposure(&self, setting: ExposureSetting, delay_frames: u64) {
         self.push_settings(self.configured.with_exposure(setting), delay_frames);
     }
 
@@ -209,7 +209,7 @@ struct CaptureLoop {
     device: CameraDeviceConfig,
     /// The last settings that were applied; a replugged camera gets them again.
     settings: Option<PendingSettings>,
-    in_force: SettingInForce,
+    in_force: AppliedSettingHistory,
     pending_settings: Arc<Mutex<Option<PendingSettings>>>,
     pool: BufferPool,
     monitor: Monitor,
@@ -221,7 +221,7 @@ impl CaptureLoop {
         let mut stall_detector = StallDetector::new(&self.device.device, self.device.stall);
         let mut repeat_detector = RepeatDetector::default();
         let mut stamp_validator = StampValidator::default();
-        self.in_force = SettingInForce::new(backend.setting_in_force());
+        self.in_force = AppliedSettingHistory::new(backend.applied_setting());
         if let Some(pending) = self.settings {
             self.apply_settings(backend, pending)?;
         }
@@ -284,7 +284,7 @@ impl CaptureLoop {
         // An image that is being exposed or read out now was started with the settings before.
         let frames = pending.delay_frames.saturating_sub(2) as f64;
         let from = clock::now() + frames / f64::from(self.device.rate_hz.max(1.0));
-        self.in_force.change(from, backend.setting_in_force());
+        self.in_force.change(from, backend.applied_setting());
         Ok(())
     }
 

@@ -1,6 +1,6 @@
 //! How does a camera take its images? Exposure, gain and white balance, each fixed or automatic.
 
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 
 use crate::config::CameraDeviceConfig;
 
@@ -25,7 +25,7 @@ impl CameraSettings {
     }
 
     /// The same settings with another exposure and gain.
-    pub(super) fn with_exposure(self, setting: CameraSetting) -> Self {
+    pub(super) fn with_exposure(self, setting: ExposureSetting) -> Self {
         CameraSettings {
             exposure: Some(setting.exposure),
             gain: Some(setting.gain),

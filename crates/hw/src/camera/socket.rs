@@ -7,7 +7,7 @@ use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use localize::Stamp;
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 
 use super::image::{BufferPool, CapturedImage, Encoding};
 use super::settings::CameraSettings;
@@ -98,7 +98,7 @@ impl ImageSocket {
             bytes.resize(length, 0);
             self.read(bytes)
         })?;
-        let setting = (header.exposure_us > 0).then(|| CameraSetting {
+        let setting = (header.exposure_us > 0).then(|| ExposureSetting {
             exposure: header.exposure_us as f32 * 1e-6,
             gain: f32::from(header.gain_centi) * 0.01,
         });

@@ -3,7 +3,7 @@
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use localize::Stamp;
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::Errno;
 
@@ -147,13 +147,13 @@ impl V4l2 {
     }
 
     /// Exposure and gain that the device reports. `None` if it has no such controls.
-    pub(super) fn setting_in_force(&self) -> Option<CameraSetting> {
+    pub(super) fn applied_setting(&self) -> Option<ExposureSetting> {
         let get = |id| {
             let mut control = sys::Control { id, value: 0 };
             let result = sys::get_control(&self.fd, &mut control);
             result.ok().map(|()| control.value)
         };
-        Some(CameraSetting {
+        Some(ExposureSetting {
             exposure: get(EXPOSURE_ABSOLUTE)? as f32 * EXPOSURE_UNIT,
             gain: get(GAIN)? as f32,
         })

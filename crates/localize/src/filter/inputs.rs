@@ -20,10 +20,10 @@ pub struct PredictionInput {
 pub struct ImuInterval {
     /// Mean specific force along x and y, with gravity's share, m/s².
     pub specific_force: [f32; 2],
-    /// Mean rate, rad/s.
-    pub rate: [f32; 3],
+    /// Mean angular velocity, rad/s.
+    pub mean_angular_velocity: [f32; 3],
     /// Rate about z at the end, rad/s.
-    pub yaw_rate: f32,
+    pub final_yaw_rate: f32,
     /// Standard deviation of the specific force from reading to reading, m/s².
     pub vibration_std: f32,
     /// Time between readings, seconds.

@@ -112,7 +112,7 @@ impl FitMonitor {
         if estimate.inlier_share > 0.0 {
             self.on_markings.add(estimate.inlier_share, IMAGES);
             self.squared_residual
-                .add(estimate.residual * estimate.residual, IMAGES);
+                .add(estimate.inlier_rms * estimate.inlier_rms, IMAGES);
             if self.image.is_multiple_of(SEEN_STRIDE)
                 && let Some(share) = self.seen_share(pose, points)
             {
@@ -190,10 +190,10 @@ impl FitMonitor {
     pub(super) fn fit(&self) -> Fit {
         Fit {
             on_markings: self.on_markings.value,
-            residual: self.squared_residual.value.max(0.0).sqrt(),
+            inlier_rms: self.squared_residual.value.max(0.0).sqrt(),
             markings_seen: self.seen.value,
-            wheels: self.wheels(STEPS_SHOWN_MIN),
-            compass: self.compass.known(STEPS_SHOWN_MIN),
+            wheel_agreement: self.wheels(STEPS_SHOWN_MIN),
+            compass_agreement: self.compass.known(STEPS_SHOWN_MIN),
         }
     }
 

@@ -37,7 +37,7 @@ impl Localizer {
     }
 
     /// Corrects the points of an image.
-    pub(super) fn correct_map(&mut self, points: &mut [LinePoint]) {
+    pub(super) fn correct_line_points(&mut self, points: &mut [LinePoint]) {
         if let Some(map) = &mut self.map_correction {
             map.correct(points);
         }

@@ -17,7 +17,7 @@ impl From<&Match> for MatchFigures {
         MatchFigures {
             score: matched.score,
             inlier_share: matched.inlier_share,
-            residual: matched.residual,
+            residual: matched.inlier_rms,
             tilt: matched.tilt,
         }
     }
@@ -28,7 +28,7 @@ impl From<&Hypothesis> for MatchFigures {
         MatchFigures {
             score: hypothesis.score,
             inlier_share: hypothesis.inlier_share,
-            residual: hypothesis.residual,
+            residual: hypothesis.inlier_rms,
             tilt: hypothesis.tilt,
         }
     }

@@ -71,7 +71,7 @@ impl Localizer {
 
     /// Adds a reading of the inertial unit. Readings that are not finite are dropped.
     pub fn add_imu(&mut self, sample: &Imu) {
-        let values = sample.acceleration.iter().chain(&sample.rate);
+        let values = sample.specific_force.iter().chain(&sample.angular_velocity);
         if values.copied().all(f32::is_finite) {
             self.receive(MotionMeasurement::Imu(*sample));
         }

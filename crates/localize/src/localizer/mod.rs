@@ -283,7 +283,7 @@ impl Localizer {
         let elapsed = self.filter_stamp.seconds_until(exposed);
         self.filter_stamp = exposed;
         self.particles_stamp = self.particles_stamp.max(exposed);
-        self.correct_map(&mut points);
+        self.correct_line_points(&mut points);
         let imu_tilt = self.compensate_tilt(exposed, &mut points);
         let mut estimate = match std::mem::take(&mut self.state) {
             State::Lost => {

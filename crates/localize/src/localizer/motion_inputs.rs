@@ -78,8 +78,8 @@ impl LastImu {
         let rest = |k: usize| (mean[k] * self.sample_period - before.integrated[k]) / remaining;
         ImuInterval {
             specific_force: [rest(0), rest(1)],
-            rate: [rest(2), rest(3), rest(4)],
-            yaw_rate: self.rate[2],
+            mean_angular_velocity: [rest(2), rest(3), rest(4)],
+            final_yaw_rate: self.rate[2],
             vibration_std: self.vibration_variance.sqrt(),
             sample_period: self.sample_period,
         }
@@ -90,7 +90,7 @@ impl LastImu {
     /// Second differences of independent errors have six times their variance. The robot's own acceleration is smooth
     /// in comparison.
     fn estimate_vibration(&self, imu: &Imu, seconds: f32) -> ([f32; 2], f32) {
-        let jerk = [0, 1].map(|k| (imu.acceleration[k] - self.specific_force[k]) / seconds);
+        let jerk = [0, 1].map(|k| (imu.specific_force[k] - self.specific_force[k]) / seconds);
         let difference = [0, 1].map(|k| (jerk[k] - self.jerk[k]) * seconds);
         let variance = (difference[0] * difference[0] + difference[1] * difference[1]) / 12.0;
         let limit = VIBRATION_GROWTH_MAX * self.vibration_variance + VIBRATION_VARIANCE_STEP;
@@ -114,8 +114,8 @@ impl LastImu {
         }
         ImuInterval {
             specific_force: self.specific_force,
-            rate,
-            yaw_rate: self.rate[2] + (since + seconds) * self.angular_acceleration[2],
+            mean_angular_velocity: rate,
+            final_yaw_rate: self.rate[2] + (since + seconds) * self.angular_acceleration[2],
             vibration_std: self.vibration_variance.sqrt(),
             sample_period: self.sample_period,
         }
@@ -209,18 +209,19 @@ impl MotionInputs {
             })
             .map_or([0.0; 2], |wheels| wheels.acceleration);
         let commanded = self.commanded_acceleration(seconds, collision);
-        let stationary = self.is_stationary(imu.rate, config);
+        let stationary = self.is_stationary(imu.angular_velocity, config);
         if stationary && connected {
-            self.attitude.zero_rate_update(imu.rate, seconds, config);
+            self.attitude
+                .zero_rate_update(imu.angular_velocity, seconds, config);
         }
         self.attitude.update_imu(
-            imu.rate,
-            imu.acceleration,
+            imu.angular_velocity,
+            imu.specific_force,
             wheel_acceleration,
             seconds,
             config,
         );
-        let acceleration = self.attitude.remove_gravity(imu.acceleration);
+        let acceleration = self.attitude.remove_gravity(imu.specific_force);
         let excess = math::hypot(
             acceleration[0] - commanded[0],
             acceleration[1] - commanded[1],
@@ -233,7 +234,7 @@ impl MotionInputs {
         let shock = excess > excess_max;
         let angular_acceleration = match previous {
             Some(last) if connected && !shock => {
-                std::array::from_fn(|k| (imu.rate[k] - last.rate[k]) / seconds)
+                std::array::from_fn(|k| (imu.angular_velocity[k] - last.rate[k]) / seconds)
             }
             _ => [0.0; 3],
         };
@@ -243,8 +244,8 @@ impl MotionInputs {
         };
         let reading = LastImu {
             stamp: imu.stamp,
-            specific_force: [imu.acceleration[0], imu.acceleration[1]],
-            rate: imu.rate,
+            specific_force: [imu.specific_force[0], imu.specific_force[1]],
+            rate: imu.angular_velocity,
             angular_acceleration,
             jerk,
             vibration_variance,

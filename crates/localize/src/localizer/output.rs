@@ -34,7 +34,7 @@ impl EstimateParts<'_> {
             covariance: self.covariance,
             mode: self.mode,
             reason: self.reason,
-            residual: self.figures.residual,
+            inlier_rms: self.figures.residual,
             inlier_share: self.figures.inlier_share,
             line_points: 0,
             tilt: self.figures.tilt,
@@ -149,7 +149,7 @@ fn half_turn_hypothesis(track: &PoseTrack, figures: MatchFigures) -> Hypothesis 
         covariance: half_turned.covariance(),
         score: figures.score,
         inlier_share: figures.inlier_share,
-        residual: figures.residual,
+        inlier_rms: figures.residual,
         tilt: figures.tilt,
         // Without compass readings the log odds are 0, so both halves are equally probable.
         probability: 1.0 / (1.0 + math::exp(track.half_evidence.log_odds_with_withheld())),

@@ -109,7 +109,7 @@ pub struct Match {
     /// repeat (docs/methods.md 5.6).
     pub variance_scale: f32,
     /// Root mean square distance of the inliers from the markings, metres.
-    pub residual: f32,
+    pub inlier_rms: f32,
     /// Mean distance of all points from the markings, metres (nubot2013 4: "average deviation").
     pub mean_distance: f32,
     /// Share of the points within `kernel_scale_sigmas` of a marking.
@@ -593,7 +593,7 @@ impl Matcher {
             determined_parameters: PARAMETERS as f32 - (pose_tilt * self.prior.information).trace(),
             observed_scale,
             variance_scale,
-            residual: (sums.weighted_squares / weight).sqrt(),
+            inlier_rms: (sums.weighted_squares / weight).sqrt(),
             mean_distance: sums.distance_sum / count,
             inlier_share: sums.inliers / count,
             score: sums.score / count,

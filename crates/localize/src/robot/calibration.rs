@@ -122,8 +122,11 @@ impl ImuCalibration {
         };
         Imu {
             stamp: imu.stamp,
-            acceleration: correct(imu.acceleration, self.acceleration_bias),
-            rate: correct(imu.rate, self.rate_bias_deg.map(f32::to_radians)),
+            specific_force: correct(imu.specific_force, self.acceleration_bias),
+            angular_velocity: correct(
+                imu.angular_velocity,
+                self.rate_bias_deg.map(f32::to_radians),
+            ),
         }
     }
 

@@ -6,7 +6,7 @@ use crate::math;
 
 /// A camera's exposure and gain, in the camera's units.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct CameraSetting {
+pub struct ExposureSetting {
     /// Exposure time.
     pub exposure: f32,
     /// Gain.
@@ -95,7 +95,7 @@ impl CameraControl {
     }
 
     /// Brightness of a setting: exposure times the gain's factor.
-    pub fn light(&self, setting: CameraSetting) -> f32 {
+    pub fn light(&self, setting: ExposureSetting) -> f32 {
         setting.exposure * self.gain_factor(setting.gain)
     }
 
@@ -109,8 +109,8 @@ impl CameraControl {
     }
 
     /// The setting at a position of the path, which equals the gain within the limits.
-    pub fn on_path(&self, position: f32) -> CameraSetting {
-        CameraSetting {
+    pub fn on_path(&self, position: f32) -> ExposureSetting {
+        ExposureSetting {
             exposure: (self.path_slope * position + self.path_offset)
                 .clamp(self.exposure_min, self.exposure_max),
             gain: position.clamp(self.gain_min, self.gain_max),
@@ -118,7 +118,7 @@ impl CameraControl {
     }
 
     /// The setting on the path with brightness `light`, or the nearest one within the limits.
-    pub fn setting(&self, light: f32) -> CameraSetting {
+    pub fn setting(&self, light: f32) -> ExposureSetting {
         let at_exposure = |exposure: f32| (exposure - self.path_offset) / self.path_slope;
         let mut low = self.gain_min.min(at_exposure(self.exposure_min));
         let mut high = self.gain_max.max(at_exposure(self.exposure_max));

@@ -15,7 +15,7 @@ mod exposure;
 use calibration::CalibrationFile;
 pub use calibration::{ImuCalibration, OdometryCalibration, TimingCalibration, rotation_from_rpy};
 pub use camera::{CameraConfig, CameraSection};
-pub use exposure::{CameraControl, CameraSetting};
+pub use exposure::{CameraControl, ExposureSetting};
 
 /// Height of the viewpoint if no mirror profile is known, metres: the mirror's surface at half its radius.
 ///

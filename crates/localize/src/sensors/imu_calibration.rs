@@ -148,8 +148,8 @@ impl Reading {
         let vector = |values: [f32; 3]| Vector3::from(values.map(f64::from));
         Reading {
             time: imu.stamp.seconds(),
-            force: vector(imu.acceleration),
-            rate: vector(imu.rate),
+            force: vector(imu.specific_force),
+            rate: vector(imu.angular_velocity),
         }
     }
 }

@@ -136,7 +136,8 @@ impl TurnedAngle {
         let mut last: Option<&Imu> = None;
         for reading in imu {
             if let Some(before) = last {
-                let mean = 0.5 * f64::from(before.rate[2] + reading.rate[2]);
+                let mean =
+                    0.5 * f64::from(before.angular_velocity[2] + reading.angular_velocity[2]);
                 turned += mean * (reading.stamp - before.stamp);
             }
             last = Some(reading);

@@ -147,7 +147,7 @@ fn explain_by(keyframes: &[Keyframe], hypotheses: &[KeyframeHypotheses]) -> Expl
             cost: selected.map_or(0.0, |(cost, _)| *cost) + half(link.wheels) + half(link.compass),
             points: keyframe.points.len(),
             on_markings: selected.map_or(0.0, |(_, hypothesis)| hypothesis.inlier_share),
-            residual: selected.map_or(0.0, |(_, hypothesis)| hypothesis.residual),
+            residual: selected.map_or(0.0, |(_, hypothesis)| hypothesis.inlier_rms),
             wheels_agree: link.wheels_agree(),
             compass_agrees: link.compass_agrees(),
         }

@@ -72,7 +72,7 @@ pub struct Teammate {
     /// Its reported pose.
     pub pose: Option<Pose>,
     /// True if its ball agrees with the fused one. None if it reported no ball or no other robot did.
-    pub agrees: Option<bool>,
+    pub ball_agrees: Option<bool>,
 }
 
 /// Receives the team's reports and fuses their balls.
@@ -155,7 +155,7 @@ impl TeamModel {
             robot: report.robot,
             age: age(report).max(0.0),
             pose: report.pose,
-            agrees: agrees(report.robot),
+            ball_agrees: agrees(report.robot),
         });
         TeamView {
             teammates: teammates.collect(),

@@ -125,7 +125,7 @@ impl RecordingTables {
         }
         for sample in &cycle.inputs.imu {
             let stamp = format_seconds(sample.stamp);
-            let ([ax, ay, az], [wx, wy, wz]) = (sample.acceleration, sample.rate);
+            let ([ax, ay, az], [wx, wy, wz]) = (sample.specific_force, sample.angular_velocity);
             self.imu
                 .write_row(&format!("{stamp},{ax},{ay},{az},{wx},{wy},{wz}"))?;
         }

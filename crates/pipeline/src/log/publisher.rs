@@ -211,7 +211,10 @@ impl CyclePublisher {
         if let Some(fault) = &cycle.image_fault {
             self.log_message(stamp, Level::Warning, format!("frame not used: {fault}"));
         }
-        if cycle.exposure.is_some_and(|status| status.warning) {
+        if cycle
+            .exposure
+            .is_some_and(|status| status.uncontrolled_light_change)
+        {
             let text = "the light changed, and this camera's exposure cannot be controlled";
             self.log_message(stamp, Level::Warning, text.to_owned());
         }

@@ -260,10 +260,10 @@ fn add_tilt(
         }
         let [a, b] = std::array::from_fn(|k| (filtered[k] - before[k]) / seconds);
         // The up vector rotates in the robot frame by u̇ = u × ω: the gyro of a rotating robot also measures a constant tilt.
-        let spin = imu.rate[2];
-        imu.rate[0] += b + filtered[0] * spin;
-        imu.rate[1] += filtered[1] * spin - a;
-        for (acceleration, tilt) in imu.acceleration.iter_mut().zip(filtered) {
+        let spin = imu.angular_velocity[2];
+        imu.angular_velocity[0] += b + filtered[0] * spin;
+        imu.angular_velocity[1] += filtered[1] * spin - a;
+        for (acceleration, tilt) in imu.specific_force.iter_mut().zip(filtered) {
             *acceleration += GRAVITY * tilt;
         }
         tilts.push((imu.stamp, filtered));

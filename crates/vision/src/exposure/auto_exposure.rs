@@ -2,7 +2,7 @@
 
 use localize::config::SettingError;
 use localize::math;
-use localize::robot::{CameraConfig, CameraControl, CameraSetting};
+use localize::robot::{CameraConfig, CameraControl, ExposureSetting};
 
 use crate::config::AutoExposureConfig;
 use crate::error::VisionError;
@@ -22,7 +22,7 @@ pub struct AutoExposure {
     /// The whole mirror.
     scene_pixels: Vec<[u16; 2]>,
     image_index: u64,
-    pub(super) setting: CameraSetting,
+    pub(super) setting: ExposureSetting,
     /// A command not yet in effect, and the centre's level when it was issued.
     pub(super) pending: Option<(ExposureCommand, f32)>,
     /// Images by which the last checked command took effect later than assumed or reported.
@@ -109,11 +109,11 @@ impl AutoExposure {
             .into());
         }
         let setting = control.map_or(
-            CameraSetting {
+            ExposureSetting {
                 exposure: 1.0,
                 gain: 1.0,
             },
-            |control| CameraSetting {
+            |control| ExposureSetting {
                 exposure: control.exposure,
                 gain: control.gain,
             },
@@ -162,7 +162,7 @@ impl AutoExposure {
     pub fn process(
         &mut self,
         image: &ImageView<'_>,
-        reported: Option<CameraSetting>,
+        reported: Option<ExposureSetting>,
     ) -> Option<ExposureStatus> {
         let image_index = self.image_index;
         self.image_index += 1;
@@ -209,12 +209,12 @@ impl AutoExposure {
         let histogram = Histogram::from_pixels(image, &self.scene_pixels);
         let mut status = ExposureStatus {
             entropy: histogram.entropy(1.0),
-            level,
+            centre_brightness: level,
             applied_setting: self.camera.map(|_| self.setting),
             searching: false,
             command: None,
-            light_jumped,
-            warning: false,
+            setting_changed_brightness: light_jumped,
+            uncontrolled_light_change: false,
         };
         let change = self
             .reference_level
@@ -244,15 +244,15 @@ impl AutoExposure {
             None => {
                 // The first measurement is the reference for the others.
                 self.reference_level.get_or_insert(level.max(1.0));
-                status.warning = change.is_some() && changed && !self.warned;
-                self.warned |= status.warning;
+                status.uncontrolled_light_change = change.is_some() && changed && !self.warned;
+                self.warned |= status.uncontrolled_light_change;
             }
         }
         Some(status)
     }
 
     /// Light of a setting over that of the present one; 1 without control.
-    fn light_ratio(&self, setting: CameraSetting) -> f32 {
+    fn light_ratio(&self, setting: ExposureSetting) -> f32 {
         self.camera.map_or(1.0, |control| {
             control.light(setting) / control.light(self.setting)
         })
@@ -264,7 +264,7 @@ impl AutoExposure {
         &self,
         command: &ExposureCommand,
         image_index: u64,
-        reported: Option<CameraSetting>,
+        reported: Option<ExposureSetting>,
     ) -> bool {
         let Some(reported) = reported else {
             return image_index >= command.from_frame;

@@ -5,7 +5,7 @@
 //! tried on a new image, so the robot must stand still. Here the entropy at other settings is predicted from the
 //! histogram of one image, so the robot may move and a search takes one or two commands.
 
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 
 mod auto_exposure;
 mod histogram;
@@ -18,7 +18,7 @@ pub use auto_exposure::AutoExposure;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExposureCommand {
     /// Exposure and gain to set.
-    pub setting: CameraSetting,
+    pub setting: ExposureSetting,
     /// First image taken with it; images are counted from 0 in the order of processing.
     pub from_frame: u64,
 }
@@ -29,17 +29,17 @@ pub struct ExposureStatus {
     /// Entropy of red, green and blue together (nubot2013 eq. 5), bits: at most 24.
     pub entropy: f32,
     /// Brightness of the image's centre, own body and nearest carpet, of 255.
-    pub level: f32,
+    pub centre_brightness: f32,
     /// Setting this image was taken with. None if the camera has no control.
-    pub applied_setting: Option<CameraSetting>,
+    pub applied_setting: Option<ExposureSetting>,
     /// True during a search.
     pub searching: bool,
     /// Command to send now.
     pub command: Option<ExposureCommand>,
     /// True if a new setting first applies to this image and changes the brightness so much that colours must be relearned.
-    pub light_jumped: bool,
+    pub setting_changed_brightness: bool,
     /// True once: the light changed, but the camera has no control to compensate.
-    pub warning: bool,
+    pub uncontrolled_light_change: bool,
 }
 
 #[cfg(test)]

@@ -306,7 +306,7 @@ fn light_change_without_control_warns_once() {
         let status = auto_exposure.process(&synthetic_image(light, 0.45, index).view(), None);
         warnings += status.map_or(0, |status| {
             assert!(status.command.is_none());
-            usize::from(status.warning)
+            usize::from(status.uncontrolled_light_change)
         });
     }
     assert_eq!(warnings, 1);

@@ -95,10 +95,10 @@ fn show_fit(ui: &mut Ui, estimate: &Estimate) {
     let text = format!(
         "set-up: {:.0} % of the points on markings, {:.1} cm off; {:.0} % of the markings in sight seen; agreement of wheels {}, compass {}",
         100.0 * fit.on_markings,
-        100.0 * fit.residual,
+        100.0 * fit.inlier_rms,
         100.0 * fit.markings_seen,
-        agreement(fit.wheels),
-        agreement(fit.compass)
+        agreement(fit.wheel_agreement),
+        agreement(fit.compass_agreement)
     );
     if estimate.reason == Some(Reason::DoubtfulSetup) {
         ui.colored_label(palette::VERMILION, text);

@@ -87,8 +87,8 @@ impl JointFilter {
         let acceleration: [f32; 2] = std::array::from_fn(|k| {
             imu.specific_force[k] - GRAVITY * s[TILT + k] - s[ACCELEROMETER_BIAS + k]
         });
-        let angle = (s[GYRO_SCALE] * imu.rate[2] - s[GYRO_BIAS + 2]) * dt;
-        s[YAW_RATE] = s[GYRO_SCALE] * imu.yaw_rate - s[GYRO_BIAS + 2];
+        let angle = (s[GYRO_SCALE] * imu.mean_angular_velocity[2] - s[GYRO_BIAS + 2]) * dt;
+        s[YAW_RATE] = s[GYRO_SCALE] * imu.final_yaw_rate - s[GYRO_BIAS + 2];
         let (sin, cos) = math::sin_cos(angle);
         let (half_sin, half_cos) = math::sin_cos(0.5 * angle);
         let (vx, vy) = (s[TWIST], s[TWIST + 1]);
@@ -103,14 +103,14 @@ impl JointFilter {
         s[TWIST + 1] = cos * vy - sin * vx + half_cos * ay - half_sin * ax;
         // The up direction rotates against the robot: u̇ = u × ω.
         let (a, b) = (s[TILT], s[TILT + 1]);
-        s[TILT] = cos * a + sin * b - (imu.rate[1] - s[GYRO_BIAS + 1]) * dt;
-        s[TILT + 1] = cos * b - sin * a + (imu.rate[0] - s[GYRO_BIAS]) * dt;
+        s[TILT] = cos * a + sin * b - (imu.mean_angular_velocity[1] - s[GYRO_BIAS + 1]) * dt;
+        s[TILT + 1] = cos * b - sin * a + (imu.mean_angular_velocity[0] - s[GYRO_BIAS]) * dt;
         ImuStep {
             dt,
             rotation: [cos, sin],
             half_rotation: [half_cos, half_sin],
-            gyro_angle: imu.rate[2] * dt,
-            gyro_yaw_rate: imu.yaw_rate,
+            gyro_angle: imu.mean_angular_velocity[2] * dt,
+            gyro_yaw_rate: imu.final_yaw_rate,
             field_step: self.integrate_step(POSE, translation, 0.0, angle),
             increment_step: self.integrate_step(WHEEL_INCREMENT, translation, 0.0, angle),
             slip: self.predict_slip(acceleration, dt, config),

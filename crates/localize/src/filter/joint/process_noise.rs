@@ -55,7 +55,7 @@ impl JointFilter {
         let [x, y] = imu.specific_force;
         // The rotation may occur at any time within a shock: a uniform distribution of the heading.
         let (shock_variance, heading_variance) = if input.shock {
-            let range = 2.0 * (imu.yaw_rate - imu.rate[2]) * dt;
+            let range = 2.0 * (imu.final_yaw_rate - imu.mean_angular_velocity[2]) * dt;
             (
                 (SHOCK_ERROR_SHARE * math::hypot(x, y)).powi(2),
                 range * range / 12.0,

@@ -23,8 +23,8 @@ fn predict_and_update(
 ) {
     let imu = ImuInterval {
         specific_force: force,
-        rate,
-        yaw_rate: rate[2],
+        mean_angular_velocity: rate,
+        final_yaw_rate: rate[2],
         vibration_std: 0.0,
         sample_period: DT,
     };

@@ -46,7 +46,7 @@ pub struct Hypothesis {
     /// Share of points that are inliers.
     pub inlier_share: f32,
     /// Root mean square distance of the inliers, metres.
-    pub residual: f32,
+    pub inlier_rms: f32,
     /// Tilt (a, b), radians (docs/methods.md 3.1).
     pub tilt: [f32; 2],
     /// Probability among the hypotheses returned.
@@ -61,7 +61,7 @@ impl Hypothesis {
             covariance: matched.covariance,
             score: matched.score,
             inlier_share: matched.inlier_share,
-            residual: matched.residual,
+            inlier_rms: matched.inlier_rms,
             tilt: matched.tilt,
             probability: 0.0,
         }

@@ -32,7 +32,7 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         covariance,
         mode,
         reason,
-        residual,
+        inlier_rms: residual,
         inlier_share,
         line_points,
         tilt: lean,
@@ -65,10 +65,10 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         latency: *latency,
         fit: Some(wire::Fit {
             on_markings: fit.on_markings,
-            residual: fit.residual,
+            residual: fit.inlier_rms,
             markings_seen: fit.markings_seen,
-            wheels: fit.wheels,
-            compass: fit.compass,
+            wheels: fit.wheel_agreement,
+            compass: fit.compass_agreement,
         }),
         map_correction: map_correction.as_ref().map(map_correction_to_wire),
     }
@@ -84,7 +84,7 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
             "" => None,
             reason => Some(reason_named(reason)?),
         },
-        residual: estimate.residual,
+        inlier_rms: estimate.residual,
         inlier_share: estimate.inlier_share,
         line_points: estimate.line_points as usize,
         tilt: pair(&estimate.lean)?,
@@ -104,10 +104,10 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
         latency: estimate.latency,
         fit: estimate.fit.map_or_else(Fit::default, |fit| Fit {
             on_markings: fit.on_markings,
-            residual: fit.residual,
+            inlier_rms: fit.residual,
             markings_seen: fit.markings_seen,
-            wheels: fit.wheels,
-            compass: fit.compass,
+            wheel_agreement: fit.wheels,
+            compass_agreement: fit.compass,
         }),
         map_correction: estimate
             .map_correction
@@ -155,7 +155,7 @@ fn hypothesis_to_wire(hypothesis: &Hypothesis) -> wire::Hypothesis {
         probability,
         score,
         inlier_share,
-        residual,
+        inlier_rms: residual,
         tilt: lean,
     } = hypothesis;
     wire::Hypothesis {
@@ -176,7 +176,7 @@ fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
         probability: hypothesis.probability,
         score: hypothesis.score,
         inlier_share: hypothesis.inlier_share,
-        residual: hypothesis.residual,
+        inlier_rms: hypothesis.residual,
         tilt: pair(&hypothesis.lean)?,
     })
 }

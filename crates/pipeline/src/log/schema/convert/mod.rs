@@ -104,8 +104,8 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
     };
     let imu = |one: wire::Imu| Imu {
         stamp: Stamp(one.stamp_ns),
-        acceleration: [one.acceleration_x, one.acceleration_y, one.acceleration_z],
-        rate: [one.rate_x, one.rate_y, one.rate_z],
+        specific_force: [one.acceleration_x, one.acceleration_y, one.acceleration_z],
+        angular_velocity: [one.rate_x, one.rate_y, one.rate_z],
     };
     Ok(Cycle {
         stamp: Stamp(cycle.stamp_ns),
@@ -185,8 +185,8 @@ pub(crate) fn compass_to_wire(
 pub(crate) fn imu_to_wire(
     &Imu {
         stamp,
-        acceleration,
-        rate,
+        specific_force: acceleration,
+        angular_velocity: rate,
     }: &Imu,
 ) -> wire::Imu {
     let [acceleration_x, acceleration_y, acceleration_z] = acceleration;

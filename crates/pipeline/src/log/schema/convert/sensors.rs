@@ -1,7 +1,7 @@
 //! How are readings of virtual sensors and exposure converted to their messages and back?
 
 use anyhow::{Context, Result};
-use localize::robot::CameraSetting;
+use localize::robot::ExposureSetting;
 use vision::exposure::{ExposureCommand, ExposureStatus};
 use vision::objects::virtual_sensors::{Bumper, VirtualSensorReadings};
 
@@ -59,12 +59,12 @@ fn place(values: &[f32]) -> Result<Option<[f32; 2]>> {
 pub(crate) fn exposure_to_wire(reading: &ExposureStatus) -> wire::Exposure {
     let &ExposureStatus {
         entropy,
-        level,
+        centre_brightness: level,
         applied_setting: in_force,
         searching,
         command,
-        light_jumped,
-        warning,
+        setting_changed_brightness: light_jumped,
+        uncontrolled_light_change: warning,
     } = reading;
     wire::Exposure {
         entropy,
@@ -81,8 +81,8 @@ pub(crate) fn exposure_to_wire(reading: &ExposureStatus) -> wire::Exposure {
 }
 
 /// A setting of the camera, if both values are there.
-pub(super) fn camera_setting(exposure: Option<f32>, gain: Option<f32>) -> Option<CameraSetting> {
-    Some(CameraSetting {
+pub(super) fn camera_setting(exposure: Option<f32>, gain: Option<f32>) -> Option<ExposureSetting> {
+    Some(ExposureSetting {
         exposure: exposure?,
         gain: gain?,
     })
@@ -91,7 +91,7 @@ pub(super) fn camera_setting(exposure: Option<f32>, gain: Option<f32>) -> Option
 pub(super) fn exposure_from_wire(reading: &wire::Exposure) -> ExposureStatus {
     ExposureStatus {
         entropy: reading.entropy,
-        level: reading.level,
+        centre_brightness: reading.level,
         applied_setting: camera_setting(reading.exposure, reading.gain),
         searching: reading.searching,
         command: camera_setting(reading.command_exposure, reading.command_gain).map(|setting| {
@@ -100,7 +100,7 @@ pub(super) fn exposure_from_wire(reading: &wire::Exposure) -> ExposureStatus {
                 from_frame: reading.command_from_frame,
             }
         }),
-        light_jumped: reading.light_jumped,
-        warning: reading.warning,
+        setting_changed_brightness: reading.light_jumped,
+        uncontrolled_light_change: reading.warning,
     }
 }

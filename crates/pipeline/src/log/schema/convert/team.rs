@@ -121,7 +121,7 @@ fn teammate_to_wire(mate: &Teammate) -> wire::Teammate {
         robot,
         age,
         pose,
-        agrees,
+        ball_agrees: agrees,
     } = mate;
     wire::Teammate {
         robot: *robot,
@@ -138,7 +138,7 @@ fn teammate_from_wire(mate: &wire::Teammate) -> Result<Teammate> {
         robot: mate.robot,
         age: mate.age,
         pose: mate.pose.as_ref().map(pose_from_wire),
-        agrees: match mate.agrees.as_str() {
+        ball_agrees: match mate.agrees.as_str() {
             "" => None,
             "yes" => Some(true),
             "no" => Some(false),
