@@ -53,7 +53,10 @@ pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
     }
     let mut fit = fit_calibration(&readings).with_context(|| path.display().to_string())?;
     fit.calibration.north_deg = args.north;
-    let text = toml::to_string(&fit.calibration)?;
+    let text = format!(
+        "# Written by `mirrorball calibrate compass`. In robot.toml: include = [\"compass.toml\"]\n[compass.calibration]\n{}",
+        toml::to_string(&fit.calibration)?
+    );
     write_file(&args.out, text).with_context(|| format!("cannot write {}", args.out.display()))?;
     if let Some(path) = &args.headings {
         let mut file = CsvWriter::create(path, "stamp_s,heading_rad")?;
