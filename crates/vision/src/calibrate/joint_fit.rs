@@ -303,7 +303,23 @@ impl<'a, M: MapModel> JointFit<'a, M> {
     }
 }
 
-/// Where a point of an upright robot's map lies on the ground with tilt (a, b) (docs/methods.md 3.3); NaN at the horizon.
-pub(super) fn tilt_ground_point(point: [f64; 2], tilt: [f64; 2], height: f64) -> [f64; 2] {
-    localize::tilt::ground_above_depth(point, tilt, height, 0.05 * height).unwrap_or([f64::NAN; 2])
+/// Where a point of an upright map lies on the ground (docs/methods.md 3.3); NaN at the horizon.
+///
+/// The mirror tilts about the viewpoint, the robot in one image about its foot.
+pub(super) fn tilt_ground_point(
+    point: [f64; 2],
+    mirror_tilt: [f64; 2],
+    image_tilt: [f64; 2],
+    height: f64,
+) -> [f64; 2] {
+    let tilt = [0, 1].map(|i| mirror_tilt[i] + image_tilt[i]);
+    localize::tilt::ground_above_depth(point, tilt, height, 0.05 * height)
+        .map_or([f64::NAN; 2], |ground| {
+            [0, 1].map(|i| ground[i] + mirror_tilt[i] * height)
+        })
+}
+
+/// Derivatives of a ground point by the mirror's tilt from those by the image's: the viewpoint stays in place.
+pub(super) fn by_mirror_tilt([by_a, by_b]: [[f64; 2]; 2], height: f64) -> [[f64; 2]; 2] {
+    [[by_a[0] + height, by_a[1]], [by_b[0], by_b[1] + height]]
 }

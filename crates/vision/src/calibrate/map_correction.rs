@@ -2,7 +2,7 @@
 
 use localize::math;
 
-use crate::calibrate::joint_fit::{MapModel, PriorTerm, tilt_ground_point};
+use crate::calibrate::joint_fit::{MapModel, PriorTerm, by_mirror_tilt, tilt_ground_point};
 use crate::optics::ground_map::GroundMap;
 
 /// Knots are uniform in asinh(range / 1 m): linear near the robot, logarithmic far away.
@@ -132,8 +132,13 @@ impl MapCorrection {
     ) -> [f64; 2] {
         let range = basis.range * math::exp(shift);
         let (sin, cos) = math::sin_cos(basis.bearing + rotation);
-        let tilt = [0, 1].map(|i| self.parameters[TILT_INDEX + i] + image_tilt[i]);
-        tilt_ground_point([range * cos, range * sin], tilt, self.viewpoint_height)
+        let mirror_tilt = [0, 1].map(|i| self.parameters[TILT_INDEX + i]);
+        tilt_ground_point(
+            [range * cos, range * sin],
+            mirror_tilt,
+            image_tilt,
+            self.viewpoint_height,
+        )
     }
 
     /// Corrects the initial map.
@@ -199,8 +204,9 @@ impl MapModel for MapCorrection {
             let by = if bearing { by_rotation } else { by_shift };
             row.push((number, by.map(|axis| value * axis)));
         });
-        row.push((TILT_INDEX, by_tilt[0]));
-        row.push((TILT_INDEX + 1, by_tilt[1]));
+        let [by_a, by_b] = by_mirror_tilt(by_tilt, self.viewpoint_height);
+        row.push((TILT_INDEX, by_a));
+        row.push((TILT_INDEX + 1, by_b));
         (here, by_tilt)
     }
 

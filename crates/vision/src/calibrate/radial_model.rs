@@ -4,7 +4,7 @@
 //! a cubic spline that the lines determine. Bearings are those of the image. Centre offset and tilt are estimated too,
 //! since a mirror's axis is seldom the centre of its rim.
 
-use crate::calibrate::joint_fit::{MapModel, PriorTerm, tilt_ground_point};
+use crate::calibrate::joint_fit::{MapModel, PriorTerm, by_mirror_tilt, tilt_ground_point};
 use crate::calibrate::radial_family::RadialFunction;
 use crate::optics::ground_map::GroundMap;
 use localize::math;
@@ -146,12 +146,12 @@ impl RadialModel {
     }
 
     fn tilted(&self, at: &RadialPoint, image_tilt: [f64; 2]) -> [f64; 2] {
-        let tilt = [0, 1].map(|i| self.parameters[2 + i] + image_tilt[i]);
-        tilt_ground_point(
-            at.direction.map(|axis| axis * at.range),
-            tilt,
-            self.viewpoint_height,
-        )
+        self.tilted_point(at.direction.map(|axis| axis * at.range), image_tilt)
+    }
+
+    fn tilted_point(&self, upright: [f64; 2], image_tilt: [f64; 2]) -> [f64; 2] {
+        let mirror_tilt = [0, 1].map(|i| self.parameters[2 + i]);
+        tilt_ground_point(upright, mirror_tilt, image_tilt, self.viewpoint_height)
     }
 
     /// Bounds of geometry that the present parameters violate, as squares.
@@ -291,34 +291,14 @@ impl MapModel for RadialModel {
         const STEP: f64 = 1e-5;
         let at = self.radial_point(point);
         let here = self.tilted(&at, image_tilt);
-        let tilt = [0, 1].map(|i| self.parameters[2 + i] + image_tilt[i]);
         let upright = at.direction.map(|axis| axis * at.range);
         let difference = |moved: [f64; 2]| [0, 1].map(|i| (moved[i] - here[i]) / STEP);
-        let height = self.viewpoint_height;
-        let by_ground = [
-            difference(tilt_ground_point(
-                [upright[0] + STEP, upright[1]],
-                tilt,
-                height,
-            )),
-            difference(tilt_ground_point(
-                [upright[0], upright[1] + STEP],
-                tilt,
-                height,
-            )),
-        ];
-        let by_tilt = [
-            difference(tilt_ground_point(
-                upright,
-                [tilt[0] + STEP, tilt[1]],
-                height,
-            )),
-            difference(tilt_ground_point(
-                upright,
-                [tilt[0], tilt[1] + STEP],
-                height,
-            )),
-        ];
+        let [x, y] = upright;
+        let by_ground = [[x + STEP, y], [x, y + STEP]]
+            .map(|moved| difference(self.tilted_point(moved, image_tilt)));
+        let [a, b] = image_tilt;
+        let by_tilt = [[a + STEP, b], [a, b + STEP]]
+            .map(|moved| difference(self.tilted_point(upright, moved)));
         let chain = |moved: [f64; 2]| {
             [0, 1].map(|i| by_ground[0][i] * moved[0] + by_ground[1][i] * moved[1])
         };
@@ -339,8 +319,9 @@ impl MapModel for RadialModel {
                 -(at.slope * ey * ey + across * ex * ex),
             ]),
         ));
-        row.push((2, by_tilt[0]));
-        row.push((3, by_tilt[1]));
+        let [by_a, by_b] = by_mirror_tilt(by_tilt, self.viewpoint_height);
+        row.push((2, by_a));
+        row.push((3, by_b));
         let outward = chain(upright);
         for (k, spline) in at.splines.iter().enumerate() {
             row.push((
