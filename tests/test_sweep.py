@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +111,10 @@ def test_interrupted_simulation_leaves_a_complete_log(tmp_path: Path) -> None:
         f"import mirrorball; mirrorball.simulate({str(SCENARIO)!r}, duration_s=600.0, record={str(tmp_path / 'game.mcap')!r})"
     )
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "py")}
-    with subprocess.Popen([sys.executable, "-c", code], env=environment, stderr=subprocess.PIPE, text=True) as running:
+    program = [sys.executable, "-c", code]
+    # A shell's background jobs ignore the interrupt, and so would this one.
+    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(program, env=environment, stderr=subprocess.PIPE, text=True, preexec_fn=heed) as running:
         while running.poll() is None and not (tmp_path / "game.mcap").exists():
             time.sleep(0.05)
         time.sleep(1.0)
