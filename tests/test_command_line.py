@@ -161,3 +161,12 @@ def test_interrupted_report_leaves_no_files(tmp_path: Path, asked: signal.Signal
     assert running.returncode == 1
     assert "interrupted" in said and "Traceback" not in said
     assert list(out.iterdir()) == []
+
+
+def test_cargo_run_starts_mirrorball_where_no_binary_is_named() -> None:
+    # As `make run` does: the workspace has other binaries, too.
+    command = ["cargo", "metadata", "--format-version", "1", "--no-deps", "--offline"]
+    packages = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout)["packages"]
+    programs = {binary["name"] for package in packages for binary in package["targets"] if binary["kind"] == ["bin"]}
+    defaults = {package["default_run"] for package in packages if package["default_run"]}
+    assert "mirrorball" in programs and defaults == {"mirrorball"}
