@@ -129,8 +129,10 @@ impl Pipeline {
             detector.set_colour_table(colours.clone());
         }
         let basis = map_basis(setup, &localize)?;
+        let origin_std = setup.map_origin_std(localize.map_correction.origin_std);
         let (mut localizer, notice) = build_localizer(setup, localize);
         localizer.set_map_basis(basis);
+        localizer.set_map_origin_std(origin_std);
         Ok(Pipeline {
             vision: detector,
             image_check,
