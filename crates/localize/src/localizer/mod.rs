@@ -321,6 +321,7 @@ impl Localizer {
             ..self.predict_estimate_to(stamp, estimate)
         };
         self.add_repeated_errors(&mut estimate);
+        self.refer_to_viewpoint(&mut estimate);
         if self
             .fit_monitor
             .is_doubtful(self.config.mode.inlier_share_min)

@@ -14,11 +14,18 @@ impl Matcher {
     pub fn learn_spread(&mut self, distances: &DistanceField, matched: &Match, seconds: f32) {
         let Pose { x, y, theta, .. } = matched.pose;
         let state = Vector5::from([x, y, theta, matched.tilt[0], matched.tilt[1]]);
-        let sums = self.accumulate(distances, &state, 1.0);
+        let pass = self.last_pass.filter(|pass| pass.state == state);
+        let (normal, gradient) = pass.map_or_else(
+            || {
+                let sums = self.accumulate(distances, &state, 1.0);
+                (sums.normal, sums.gradient)
+            },
+            |pass| (pass.normal, pass.gradient),
+        );
         // What a pose from these points alone would explain is no error of theirs.
-        let free = (sums.normal + self.uninformative_prior())
+        let free = (normal + self.uninformative_prior())
             .cholesky()
-            .map_or_else(Vector5::zeros, |cholesky| -cholesky.solve(&sums.gradient));
+            .map_or_else(Vector5::zeros, |cholesky| -cholesky.solve(&gradient));
         let (sin, cos) = math::sin_cos(theta);
         let height = self.config.viewpoint_height;
         let inverse_height = 1.0 / height;

@@ -20,7 +20,7 @@ use crate::sample::LinePoint;
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 pub use config::{MatchConfig, Minimiser};
-use normal_equations::PreparedPoint;
+use normal_equations::{PreparedLanes, PreparedPoint};
 use point_spread::{PointSpread, Residual};
 pub use repeated_errors::Repetition;
 use repeated_errors::{Remainder, RepeatedErrors};
@@ -100,6 +100,8 @@ pub struct Match {
 pub struct Matcher {
     config: MatchConfig,
     points: Vec<PreparedPoint>,
+    /// The same, side by side.
+    lanes: Vec<PreparedLanes>,
     prior: PosePrior,
     spread: PointSpread,
     repeated: RepeatedErrors,
@@ -107,6 +109,16 @@ pub struct Matcher {
     remainders: Vec<Remainder>,
     /// Variance of the present image's mean error over that of independent points.
     repetition: f32,
+    /// Of the last match.
+    last_pass: Option<LastPass>,
+}
+
+/// Normal equations at the last state of a match.
+#[derive(Debug, Clone, Copy)]
+struct LastPass {
+    state: Vector5,
+    normal: Matrix5,
+    gradient: Vector5,
 }
 
 /// Number of parameters: pose and tilt.
@@ -132,6 +144,8 @@ impl Matcher {
             repetition: 1.0,
             config,
             points: Vec::new(),
+            lanes: Vec::new(),
+            last_pass: None,
             prior: PosePrior {
                 pose: Pose::new(0.0, 0.0, 0.0),
                 information: Matrix5::identity(),
@@ -210,6 +224,11 @@ impl Matcher {
             Minimiser::Rprop => self.rprop(distances, &mut state, kernel_factor),
         };
         let sums = self.accumulate(distances, &state, 1.0);
+        self.last_pass = Some(LastPass {
+            state,
+            normal: sums.normal,
+            gradient: sums.gradient,
+        });
         self.summarize(&sums, &state, steps)
     }
 
@@ -230,6 +249,7 @@ impl Matcher {
 
     fn prepare(&mut self, points: &[LinePoint], prior: PosePrior) {
         self.prior = prior;
+        self.last_pass = None;
         let map_variance = self.config.map_std * self.config.map_std;
         let spread = &self.spread;
         self.points.clear();
@@ -246,6 +266,8 @@ impl Matcher {
                 radial_excess_variance: factor * (radial - tangential) / squared_range.max(1e-6),
             }
         }));
+        self.lanes.clear();
+        self.lanes.extend(PreparedLanes::groups(&self.points));
     }
 
     /// What is known about errors that repeat.

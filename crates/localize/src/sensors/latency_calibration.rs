@@ -4,8 +4,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::pose_pairs::pose_pairs;
-use super::wheel_calibration::{DriveFitError, VisionPose};
+use super::pose_pairs::{VisionPose, pose_pairs};
+use super::wheel_calibration::DriveFitError;
 use crate::frames::wrap_angle;
 use crate::sample::Imu;
 

@@ -5,5 +5,5 @@ pub mod collision;
 pub mod compass_calibration;
 pub mod imu_calibration;
 pub mod latency_calibration;
-mod pose_pairs;
+pub mod pose_pairs;
 pub mod wheel_calibration;

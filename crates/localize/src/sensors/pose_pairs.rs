@@ -1,6 +1,20 @@
 //! Pairs of poses a given time apart, between which calibration compares sensors.
 
-use super::wheel_calibration::VisionPose;
+use nalgebra::Matrix3;
+
+use crate::frames::Pose;
+use crate::stamp::Stamp;
+
+/// A pose by the line points of one image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VisionPose {
+    /// Stamp of the image.
+    pub stamp: Stamp,
+    /// Pose on the field.
+    pub pose: Pose,
+    /// Of (x, y, θ), metres and radians.
+    pub covariance: Matrix3<f32>,
+}
 
 /// Longest time between the poses of a pair, as a multiple of the wanted one.
 const GAP_MAX: f64 = 1.5;

@@ -5,23 +5,11 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
-use super::pose_pairs::pose_pairs;
-use crate::frames::{Pose, wrap_angle};
+use super::pose_pairs::{VisionPose, pose_pairs};
+use crate::frames::wrap_angle;
 use crate::math;
 use crate::robot::BaseConfig;
 use crate::sample::Odometry;
-use crate::stamp::Stamp;
-
-/// A pose by the line points of one image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct VisionPose {
-    /// Stamp of the image.
-    pub stamp: Stamp,
-    /// Pose on the field.
-    pub pose: Pose,
-    /// Of (x, y, θ), metres and radians.
-    pub covariance: Matrix3<f32>,
-}
 
 /// Result of the fit, with standard deviations.
 #[derive(Debug, Clone, PartialEq)]
