@@ -6,6 +6,7 @@ pub mod config;
 mod presets;
 
 pub mod csv_table;
+pub mod partial_folder;
 pub mod paths;
 pub mod sample;
 pub mod scan_map_cache;

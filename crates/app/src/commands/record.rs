@@ -12,6 +12,7 @@ use localize::robot::RobotConfig;
 use localize::sample::Compass;
 use pipeline::csv_table::{CsvWriter, format_seconds};
 use pipeline::log::Header;
+use pipeline::partial_folder::PartialFolder;
 use pipeline::recording::IMU_COLUMNS;
 use pipeline::sample::SourceImage;
 use serde::Serialize;
@@ -74,8 +75,8 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let hardware = HardwareConfig::load(&folder.join("hardware.toml"))?;
     let stop = StopFlag::on_signals()?;
     let partial = PartialFolder::create(&args.out)?;
-    write_robot_files(&robot, &partial.path)?;
-    let mut recorder = FolderRecorder::start(&partial.path)?;
+    write_robot_files(&robot, partial.path())?;
+    let mut recorder = FolderRecorder::start(partial.path())?;
     record(args, &robot, &hardware, &stop, &mut recorder)?;
     let counts = recorder.finish()?;
     ensure!(
@@ -83,7 +84,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         "no image was recorded (devices: `mirrorball doctor --robot {}`)",
         args.robot.display()
     );
-    partial.finish(&args.out)?;
+    partial.finish()?;
     let outcome = Outcome {
         out: args.out.clone(),
         ..counts
@@ -158,49 +159,6 @@ fn write_robot_files(robot: &RobotConfig, folder: &Path) -> Result<()> {
         .write_files(folder)
 }
 
-/// A folder that gets its name when it is complete, and is removed if it never is.
-struct PartialFolder {
-    path: PathBuf,
-}
-
-impl PartialFolder {
-    fn create(folder: &Path) -> Result<Self> {
-        let taken = folder.exists()
-            && folder
-                .read_dir()
-                .map_or(true, |mut entries| entries.next().is_some());
-        ensure!(
-            !taken,
-            "{} exists and is not an empty folder: name another",
-            folder.display()
-        );
-        let mut name = folder
-            .file_name()
-            .context("the folder has no name")?
-            .to_owned();
-        name.push(".part");
-        let path = folder.with_file_name(name);
-        let context = || format!("cannot write {}", path.display());
-        if path.exists() {
-            std::fs::remove_dir_all(&path).with_context(context)?;
-        }
-        std::fs::create_dir_all(path.join("frames")).with_context(context)?;
-        Ok(PartialFolder { path })
-    }
-
-    fn finish(&self, folder: &Path) -> Result<()> {
-        std::fs::rename(&self.path, folder)
-            .with_context(|| format!("cannot write {}", folder.display()))
-    }
-}
-
-impl Drop for PartialFolder {
-    fn drop(&mut self) {
-        // After `finish` there is nothing to remove.
-        let _ = std::fs::remove_dir_all(&self.path);
-    }
-}
-
 /// The tables of the folder, and the thread that writes its images.
 struct FolderRecorder {
     folder: PathBuf,
@@ -247,6 +205,9 @@ impl Table {
 
 impl FolderRecorder {
     fn start(folder: &Path) -> Result<Self> {
+        let frames = folder.join("frames");
+        std::fs::create_dir(&frames)
+            .with_context(|| format!("cannot write {}", frames.display()))?;
         let (images, queue) = sync_channel(IMAGE_QUEUE_CAPACITY);
         let images_folder = folder.to_owned();
         let image_thread = std::thread::Builder::new()
