@@ -12,6 +12,7 @@ use vision::exposure::{ExposureCommand, ExposureStatus};
 use vision::process::Detections;
 
 use crate::sample::{GroundTruth, Sample, SourceImage};
+use crate::warm_start::WarmStart;
 
 /// One run of the pipeline: inputs, the result of each stage, refusals with reasons, durations.
 #[derive(Debug, Clone)]
@@ -59,6 +60,8 @@ pub struct Inputs {
     pub exposure_setting: Option<ExposureSetting>,
     /// All settings (TOML), if they were changed during the run and hold from this cycle on.
     pub changed_config_toml: Option<Arc<str>>,
+    /// The state from which a new pipeline went on at this cycle. Replay can start here.
+    pub warm_start: Option<WarmStart>,
 }
 
 /// Durations of the stages: the only part of a cycle that differs from run to run.

@@ -19,6 +19,7 @@ pub mod corrected_map;
 pub mod cycle;
 pub mod observations;
 pub mod pipeline;
+mod warm_start;
 
 pub mod feed;
 pub mod log;
@@ -39,3 +40,4 @@ pub mod testing;
 pub use config::PipelineConfig;
 pub use cycle::{Cycle, Inputs, Timings};
 pub use pipeline::Pipeline;
+pub use warm_start::WarmStart;
