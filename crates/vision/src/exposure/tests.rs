@@ -123,7 +123,7 @@ fn exposure_settles_within_10_images_after_a_light_step() {
                 "gamma {gamma}, light × {factor}: exposed {before} before, {after} ten frames later: {:?}",
                 &lights[55..]
             );
-            assert!(auto_exposure.reference_level.is_some(), "still searching");
+            assert!(auto_exposure.state.reference_level.is_some(), "still searching");
         }
     }
 }
@@ -217,7 +217,7 @@ fn reported_settings_replace_assumed_delays_limits_and_starting_values() {
         (control.light(setting) / limit - 1.0).abs() < 1e-3,
         "{levels:?}"
     );
-    assert!(auto_exposure.reference_level.is_some() && late_commands == 0);
+    assert!(auto_exposure.state.reference_level.is_some() && late_commands == 0);
 }
 
 /// Light of 120 images whose settings are reported `images_early` too early. From image 60 on the scene has a quarter of it.
