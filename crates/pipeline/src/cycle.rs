@@ -8,6 +8,7 @@ use localize::robot::ExposureSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::{TeamReport, TeamView};
 use localize::world::WorldView;
+use nalgebra::Matrix3;
 use vision::exposure::{ExposureCommand, ExposureStatus};
 use vision::process::Detections;
 
@@ -74,6 +75,22 @@ pub struct Timings {
 }
 
 impl Cycle {
+    /// Inputs before anything is computed from them; `covariance`: of a uniform distribution over the field.
+    pub fn from_inputs(stamp: Stamp, inputs: Inputs, covariance: Matrix3<f32>) -> Self {
+        Cycle {
+            stamp,
+            inputs,
+            detections: None,
+            line_points: Vec::new(),
+            estimate: Estimate::lost(stamp, covariance),
+            world: WorldView::default(),
+            team: TeamView::default(),
+            exposure: None,
+            image_fault: None,
+            timings: Timings::default(),
+        }
+    }
+
     /// The next camera setting, if it should change.
     pub fn camera_command(&self) -> Option<ExposureCommand> {
         self.exposure?.command

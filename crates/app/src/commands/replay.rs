@@ -97,6 +97,13 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         if let Some(note) = log.header().version_mismatch() {
             eprintln!("{}: {note}", args.log.display());
         }
+        if log.header().holds_inputs_only() {
+            bail!(
+                "{}: nothing is verified: the log holds what devices measured, and no estimates. \
+                 Convert it to a recording folder with --export",
+                args.log.display()
+            );
+        }
         let continued = log.header().continues.clone();
         let (report, warnings) =
             verify_log(log).with_context(|| format!("cannot verify {}", args.log.display()))?;

@@ -123,7 +123,10 @@ fn exposure_settles_within_10_images_after_a_light_step() {
                 "gamma {gamma}, light × {factor}: exposed {before} before, {after} ten frames later: {:?}",
                 &lights[55..]
             );
-            assert!(auto_exposure.state.reference_level.is_some(), "still searching");
+            assert!(
+                auto_exposure.state.reference_level.is_some(),
+                "still searching"
+            );
         }
     }
 }
