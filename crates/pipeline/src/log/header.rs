@@ -145,6 +145,11 @@ impl Header {
         Ok(header.with_file("robot.toml", toml::to_string(&stored)?))
     }
 
+    /// True if the log holds what devices measured, and nothing computed from it (`mirrorball record`).
+    pub fn holds_inputs_only(&self) -> bool {
+        self.source.split(' ').next() == Some("record")
+    }
+
     /// True if recomputed world and team must equal the recorded ones.
     ///
     /// Version 0.1.0 corrected observations by a linearised tilt, 6 cm off at 8 m. The correction is exact now.
