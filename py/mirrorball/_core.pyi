@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 __version__: str
 
@@ -32,8 +32,8 @@ class Camera:
         *,
         width_px: int,
         height_px: int,
-        focal_px: float,
-        pinhole_height_m: float,
+        focal_px: float | None = None,
+        pinhole_height_m: float | None = None,
         centre_px: tuple[float, float] | None = None,
         forward_deg: float = 90.0,
         flipped: bool = True,
@@ -48,9 +48,9 @@ class Camera:
     @property
     def height_px(self) -> int: ...
     @property
-    def focal_px(self) -> float: ...
+    def focal_px(self) -> float | None: ...
     @property
-    def pinhole_height_m(self) -> float: ...
+    def pinhole_height_m(self) -> float | None: ...
     @property
     def centre_px(self) -> tuple[float, float]: ...
     @property
@@ -109,6 +109,9 @@ class Field:
     """A soccer field with its markings; without a path, the league's of 18 × 12 m."""
 
     def __init__(self, path: str | PathLike[str] | None = None) -> None: ...
+    @staticmethod
+    def from_toml(text: str) -> Field: ...
+    def to_toml(self) -> str: ...
     @property
     def length_m(self) -> float: ...
     @property
@@ -139,7 +142,7 @@ class ColourTable:
     def save(self, path: str | PathLike[str]) -> None: ...
     @property
     def names(self) -> list[str]: ...
-    def classify(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]: ...
+    def classify(self, image: NDArray[Any]) -> NDArray[np.uint8]: ...
 
 @final
 class Vision:
@@ -160,12 +163,12 @@ class Vision:
     def scan_coverage(self) -> float: ...
     def set_colour_table(self, table: ColourTable) -> None: ...
     def reset_colour_model(self) -> None: ...
-    def process(self, image: NDArray[np.uint8]) -> dict[str, Any]: ...
+    def process(self, image: NDArray[Any]) -> dict[str, Any]: ...
 
 def calibrate_strip(
     *,
     camera: Camera,
-    images: list[NDArray[np.uint8]],
+    images: list[NDArray[Any]],
     directions_rad: list[float],
     first_edge_m: float,
     spacing_m: float,
@@ -178,14 +181,14 @@ def calibrate_lines(
     camera: Camera,
     start: GroundMap,
     field: Field,
-    images: list[NDArray[np.uint8]],
+    images: list[NDArray[Any]],
     settings_toml: str | None = None,
 ) -> tuple[GroundMap, float, float, list[tuple[int, int, float, str | None]]]: ...
-def calibrate_mask(*, camera: Camera, images: list[NDArray[np.uint8]]) -> NDArray[np.bool_]: ...
+def calibrate_mask(*, camera: Camera, images: list[NDArray[Any]]) -> NDArray[np.bool_]: ...
 def calibrate_sizes(
     *,
     map: GroundMap,
-    images: list[NDArray[np.uint8]],
+    images: list[NDArray[Any]],
     camera: Camera | None = None,
     line_width_m: float = 0.125,
     settings_toml: str | None = None,
@@ -193,7 +196,7 @@ def calibrate_sizes(
 def learn_colours(
     *,
     map: GroundMap,
-    images: list[NDArray[np.uint8]],
+    images: list[NDArray[Any]],
     camera: Camera | None = None,
     line_width_m: float = 0.125,
     over: str = "yuv",
@@ -207,7 +210,7 @@ def simulate(
     duration_s: float | None = None,
     preset: str = "default",
     change: dict[str, Any] | None = None,
-    config: dict[str, Any] | None = None,
+    config: dict[str, Any] | str | PathLike[str] | None = None,
     record: str | PathLike[str] | None = None,
     images: str = "png",
     progress: Callable[[float], object] | None = None,
@@ -216,6 +219,76 @@ def simulate(
 
 def scenario_files(scenario: str | PathLike[str]) -> list[Path]:
     """Every file that a scenario needs, itself first."""
+
+@final
+class Simulation:
+    """A running scenario."""
+
+    def __init__(
+        self,
+        scenario: str | PathLike[str],
+        *,
+        seed: int | None = None,
+        duration_s: float | None = None,
+        change: dict[str, Any] | None = None,
+        images: bool = True,
+    ) -> None: ...
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def time_s(self) -> float: ...
+    def next_sample(self) -> tuple[Any, ...]: ...
+    def command(self, velocity: tuple[float, ...] | None) -> None: ...
+    def kidnap(self, pose: tuple[float, ...]) -> None: ...
+    def push(self, impulse: tuple[float, ...]) -> None: ...
+    def place_ball(self, position: tuple[float, ...], velocity: tuple[float, ...]) -> None: ...
+    def place_robot(self, index: int, pose: tuple[float, ...]) -> None: ...
+    def set_light(self, level: float | None) -> None: ...
+    def set_camera(self, exposure: float, gain: float) -> None: ...
+    def apply_camera_command(self, cycle: Cycle) -> None: ...
+    def pipeline(self, *, preset: str = "default", config: dict[str, Any] | str | PathLike[str] | None = None) -> Pipeline: ...
+
+@final
+class Pipeline:
+    """A robot's pipeline: vision and localization in order."""
+
+    def __init__(
+        self,
+        *,
+        robot: str | PathLike[str] | None = None,
+        field: Field | None = None,
+        map: str | PathLike[str] | None = None,
+        preset: str = "default",
+        config: dict[str, Any] | str | PathLike[str] | None = None,
+    ) -> None: ...
+    def odometry(self, stamp_s: float, motion: tuple[float, float, float]) -> None: ...
+    def imu(
+        self,
+        stamp_s: float,
+        specific_force_mps2: tuple[float, float, float],
+        angular_velocity_radps: tuple[float, float, float],
+    ) -> None: ...
+    def compass(self, stamp_s: float, heading_rad: float, magnetic_field: tuple[float, float] | None = None) -> None: ...
+    def command(self, stamp_s: float, velocity: tuple[float, float, float]) -> None: ...
+    def set_pose(self, stamp_s: float, pose: tuple[float, float, float], std: tuple[float, float, float]) -> None: ...
+    def image(self, stamp_s: float, image: NDArray[Any]) -> Cycle: ...
+    def points(self, stamp_s: float, points: ArrayLike, std_m: float) -> Cycle: ...
+
+@final
+class Cycle:
+    """What is known after one image."""
+
+    def estimate(self) -> dict[str, Any]: ...
+    def line_points(self) -> dict[str, NDArray[np.float32]]: ...
+    def detections(self) -> dict[str, Any] | None: ...
+    def ball(self) -> dict[str, Any] | None: ...
+    def robots(self) -> list[dict[str, Any]]: ...
+    @property
+    def image_fault(self) -> str | None: ...
+    @property
+    def timings_ms(self) -> tuple[float, float]: ...
+    @property
+    def camera_command(self) -> tuple[float, float] | None: ...
 
 class LogError(ValueError):
     """The file is no log of mirrorball, or it is damaged."""
