@@ -5,6 +5,7 @@ import csv
 import pickle
 import subprocess
 import threading
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -52,7 +53,7 @@ def sequence() -> list[Cycle]:
 
 def test_pipeline_gives_the_poses_of_the_command_line(sequence: list[Cycle], tmp_path: Path) -> None:
     poses, detections = tmp_path / "poses.csv", tmp_path / "seen.csv"
-    command = [PROGRAM, "locate", SEQUENCE, "--out", poses, "--seen", detections]
+    command: list[str | Path] = [PROGRAM, "locate", SEQUENCE, "--out", poses, "--seen", detections]
     subprocess.run(command, check=True, capture_output=True)
     for cycle, row in zip(sequence, rows(poses), strict=True):
         assert cycle.mode == row["mode"]
@@ -137,9 +138,9 @@ def test_invalid_arguments_name_the_argument_and_what_is_expected() -> None:
         localizer.odometry(0.0, [1.0, 2.0])
     with pytest.raises(ValueError, match="invalid stamp_s: NaN"):
         localizer.points(float("nan"), [])
-    with pytest.raises(ValueError, match="localize.matching.steps_max"):
+    with pytest.raises(ValueError, match=r"localize\.matching\.steps_max"):
         Localizer(field=Field(), config={"localize.matching.steps_max": -1})
-    with pytest.raises(FileNotFoundError, match="none.toml"):
+    with pytest.raises(FileNotFoundError, match=r"none\.toml"):
         Localizer(field="none.toml")
     with pytest.raises(FileNotFoundError, match="none"):
         Pipeline("none/robot.toml")
@@ -179,7 +180,7 @@ def cycles_of_simulation(seed: int) -> list[Cycle]:
 def test_simulation_and_pipeline_repeat_the_command_lines_run(tmp_path: Path) -> None:
     poses = tmp_path / "poses.csv"
     scenario = ROOT / "config/scenarios/tracks_18x12.toml"
-    command = [PROGRAM, "sim", scenario, "--seed", "4", "--duration", "0.5", "--out", poses]
+    command: list[str | Path] = [PROGRAM, "sim", scenario, "--seed", "4", "--duration", "0.5", "--out", poses]
     subprocess.run(command, check=True, capture_output=True)
     cycles = cycles_of_simulation(4)
     for cycle, row in zip(cycles, rows(poses), strict=True):
@@ -237,7 +238,7 @@ def test_samples_come_in_order_with_truth_before_each_image() -> None:
     samples: list[Sample] = list(simulation)
     stamps = [sample.stamp_s for sample in samples]
     assert stamps == sorted(stamps)
-    for before, sample in zip(samples, samples[1:], strict=False):
+    for before, sample in pairwise(samples):
         if isinstance(sample, ImageSample):
             assert isinstance(before, TruthSample) and before.stamp_s == sample.stamp_s
     assert {type(sample).__name__ for sample in samples} >= {"OdometrySample", "ImuSample", "CommandSample", "ImageSample"}

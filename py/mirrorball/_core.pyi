@@ -9,12 +9,39 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __version__: str
+__all__ = [
+    "__version__",
+    "Profile",
+    "Camera",
+    "Mount",
+    "GroundMap",
+    "trace_rays",
+    "trace_points",
+    "ground_map",
+    "Field",
+    "render",
+    "ColourTable",
+    "Vision",
+    "calibrate_strip",
+    "calibrate_lines",
+    "calibrate_mask",
+    "calibrate_sizes",
+    "learn_colours",
+    "colours_from_labels",
+    "simulate",
+    "scenario_files",
+    "Simulation",
+    "Pipeline",
+    "Cycle",
+    "LogError",
+    "LogReader",
+]
 
 @final
 class Profile:
     """A mirror of revolution: height above the ground over radius, smooth between its samples."""
 
-    def __init__(self, *, radius_m: NDArray[np.float64], height_m: NDArray[np.float64]) -> None: ...
+    def __new__(cls, *, radius_m: NDArray[np.float64], height_m: NDArray[np.float64]) -> Profile: ...
     @staticmethod
     def load(path: str | PathLike[str]) -> Profile: ...
     @property
@@ -22,13 +49,14 @@ class Profile:
     @property
     def height_m(self) -> NDArray[np.float64]: ...
     def height_and_slope(self, radius_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
 @final
 class Camera:
     """A pinhole camera looking straight up into the mirror, as `[camera]` of robot.toml states it."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         *,
         width_px: int,
         height_px: int,
@@ -38,7 +66,7 @@ class Camera:
         forward_deg: float = 90.0,
         flipped: bool = True,
         outer_radius_px: float | None = None,
-    ) -> None: ...
+    ) -> Camera: ...
     @staticmethod
     def of_map(map: GroundMap) -> Camera: ...
     @staticmethod
@@ -48,9 +76,9 @@ class Camera:
     @property
     def height_px(self) -> int: ...
     @property
-    def focal_px(self) -> float | None: ...
+    def focal_px(self) -> float: ...
     @property
-    def pinhole_height_m(self) -> float | None: ...
+    def pinhole_height_m(self) -> float: ...
     @property
     def centre_px(self) -> tuple[float, float]: ...
     @property
@@ -59,25 +87,27 @@ class Camera:
     def flipped(self) -> bool: ...
     @property
     def outer_radius_px(self) -> float | None: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
 @final
 class Mount:
     """How far camera and mirror sit off from where they should."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         *,
-        lean_deg: tuple[float, float] = (0.0, 0.0),
-        mirror_tilt_deg: tuple[float, float] = (0.0, 0.0),
-        mirror_offset_m: tuple[float, float] = (0.0, 0.0),
+        lean_deg: tuple[float, float] = ...,
+        mirror_tilt_deg: tuple[float, float] = ...,
+        mirror_offset_m: tuple[float, float] = ...,
         mirror_raise_m: float = 0.0,
-    ) -> None: ...
+    ) -> Mount: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
 @final
 class GroundMap:
     """Pixel → ground point in the robot frame, rows × columns."""
 
-    def __init__(self, *, x_m: NDArray[np.float32], y_m: NDArray[np.float32]) -> None: ...
+    def __new__(cls, *, x_m: NDArray[np.float32], y_m: NDArray[np.float32]) -> GroundMap: ...
     @property
     def x_m(self) -> NDArray[np.float32]: ...
     @property
@@ -85,6 +115,7 @@ class GroundMap:
     @staticmethod
     def load(path: str | PathLike[str]) -> GroundMap: ...
     def save(self, path: str | PathLike[str]) -> None: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
 def trace_rays(
     *, camera: Camera, profile: Profile, mount: Mount | None = None
@@ -108,7 +139,7 @@ def ground_map(*, camera: Camera, profile: Profile, mount: Mount | None = None) 
 class Field:
     """A soccer field with its markings; without a path, the league's of 18 × 12 m."""
 
-    def __init__(self, path: str | PathLike[str] | None = None) -> None: ...
+    def __new__(cls, path: str | PathLike[str] | None = None) -> Field: ...
     @staticmethod
     def from_toml(text: str) -> Field: ...
     def to_toml(self) -> str: ...
@@ -148,15 +179,15 @@ class ColourTable:
 class Vision:
     """Vision of one camera; `mirrorball.vision.Vision` names the columns of its detections."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         *,
         map: GroundMap,
         camera: Camera | None = None,
         mask: NDArray[np.bool_] | None = None,
         line_width_m: float = 0.125,
         settings_toml: str | None = None,
-    ) -> None: ...
+    ) -> Vision: ...
     @property
     def scan_pixels(self) -> int: ...
     @property
@@ -224,15 +255,15 @@ def scenario_files(scenario: str | PathLike[str]) -> list[Path]:
 class Simulation:
     """A running scenario."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         scenario: str | PathLike[str],
         *,
         seed: int | None = None,
         duration_s: float | None = None,
         change: dict[str, Any] | None = None,
         images: bool = True,
-    ) -> None: ...
+    ) -> Simulation: ...
     @property
     def duration_s(self) -> float: ...
     @property
@@ -252,15 +283,15 @@ class Simulation:
 class Pipeline:
     """A robot's pipeline: vision and localization in order."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         *,
         robot: str | PathLike[str] | None = None,
         field: Field | None = None,
         map: str | PathLike[str] | None = None,
         preset: str = "default",
         config: dict[str, Any] | str | PathLike[str] | None = None,
-    ) -> None: ...
+    ) -> Pipeline: ...
     def odometry(self, stamp_s: float, motion: tuple[float, float, float]) -> None: ...
     def imu(
         self,
@@ -297,7 +328,7 @@ class LogError(ValueError):
 class LogReader:
     """A log's topics. Each call reads the file anew and holds one chunk of it."""
 
-    def __init__(self, path: str | PathLike[str]) -> None: ...
+    def __new__(cls, path: str | PathLike[str]) -> LogReader: ...
     @property
     def complete(self) -> bool: ...
     @property

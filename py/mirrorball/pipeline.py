@@ -12,6 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mirrorball import _core
@@ -37,6 +38,9 @@ def __dir__() -> list[str]:
 POINT_STD_M = 0.04
 """Standard deviation of line points that come without one, as in `mirrorball locate`."""
 
+Vector = Sequence[float] | NDArray[np.floating[Any]]
+"""Three numbers."""
+
 Config = Mapping[str, Any] | str | PathLike[str]
 """Settings by dotted key or nested, {"localize.matching.steps_max": 20}; or the path of an overlay file."""
 
@@ -46,27 +50,30 @@ class _Sensors:
 
     _pipeline: _core.Pipeline
 
-    def odometry(self, stamp_s: float, motion: Sequence[float]) -> None:
+    def odometry(self, stamp_s: float, motion: Vector) -> None:
         """Wheels: motion since the previous sample, in the robot frame at that sample.
 
         `motion`: forward and left (metres), turn (radians).
         """
         self._pipeline.odometry(stamp_s, _three("motion", motion))
 
-    def imu(self, stamp_s: float, specific_force_mps2: Sequence[float], angular_velocity_radps: Sequence[float]) -> None:
+    def imu(self, stamp_s: float, specific_force_mps2: Vector, angular_velocity_radps: Vector) -> None:
         """Inertial unit: x forward, y left, z up; at rest the specific force is (0, 0, 9.81)."""
-        force, rate = _three("specific_force_mps2", specific_force_mps2), _three("angular_velocity_radps", angular_velocity_radps)
+        force, rate = (
+            _three("specific_force_mps2", specific_force_mps2),
+            _three("angular_velocity_radps", angular_velocity_radps),
+        )
         self._pipeline.imu(stamp_s, force, rate)
 
     def compass(self, stamp_s: float, heading_rad: float, *, magnetic_field: tuple[float, float] | None = None) -> None:
         """Compass: direction of the robot's x axis on the field; `magnetic_field` in the robot frame, any unit."""
         self._pipeline.compass(stamp_s, heading_rad, magnetic_field)
 
-    def command(self, stamp_s: float, velocity: Sequence[float]) -> None:
+    def command(self, stamp_s: float, velocity: Vector) -> None:
         """Velocity commanded to the motors from `stamp_s` on: forward, left (m/s), turn (rad/s)."""
         self._pipeline.command(stamp_s, _three("velocity", velocity))
 
-    def set_pose(self, stamp_s: float, pose: Sequence[float], *, std: Sequence[float] = (0.1, 0.1, 0.1)) -> None:
+    def set_pose(self, stamp_s: float, pose: Vector, *, std: Vector = (0.1, 0.1, 0.1)) -> None:
         """Starts from a known pose (x, y in metres, θ in radians) with these standard deviations."""
         self._pipeline.set_pose(stamp_s, _three("pose", pose), _three("std", std))
 
@@ -83,9 +90,7 @@ class Localizer(_Sensors):
     'lost'
     """
 
-    def __init__(
-        self, *, field: Field | str | PathLike[str], config: Config | None = None, preset: str = "default"
-    ) -> None:
+    def __init__(self, *, field: Field | str | PathLike[str], config: Config | None = None, preset: str = "default") -> None:
         self._pipeline = _core.Pipeline(field=_field(field), config=_config(config), preset=preset)
 
     def points(self, stamp_s: float, points: ArrayLike, *, std_m: float = POINT_STD_M) -> Estimate:
@@ -157,7 +162,7 @@ class Pipeline(_Sensors):
         return None
 
 
-def _three(name: str, values: Sequence[float]) -> tuple[float, float, float]:
+def _three(name: str, values: Vector) -> tuple[float, float, float]:
     try:
         first, second, third = values
         return float(first), float(second), float(third)

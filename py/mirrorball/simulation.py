@@ -1,7 +1,8 @@
 """Simulated runs of scenarios: whole ones, or sample by sample with the caller at the wheel.
 
-`simulate` makes a run, on this machine or on another one that gets the run's files. `Simulation` gives its samples. The run is computed in this process by the same functions as `mirrorball sim`: the same scenario, seed and settings give
-the same estimates. Python's lock is released meanwhile, so that threads run scenarios side by side.
+`simulate` makes a run, on this machine or on another one that gets the run's files. `Simulation` gives samples and takes
+commands. Both compute in this process by the functions of `mirrorball sim`: the same scenario, seed and settings give the same
+estimates. Python's lock is released meanwhile, so that threads run scenarios side by side.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ __all__ = ["Run", "Simulation", "Step", "bundle_run", "simulate"]
 
 def __dir__() -> list[str]:
     return __all__
+
+
+Numbers = Sequence[float] | NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -192,7 +196,7 @@ class Simulation:
                 return
             yield sample
 
-    def step(self, velocity: Sequence[float] | None = None) -> Step:
+    def step(self, velocity: Numbers | None = None) -> Step:
         """Drives until the next image with a velocity: forward, left (m/s), turn (rad/s). None: along the scenario's path."""
         self._core.command(None if velocity is None else tuple(map(float, velocity)))
         samples: list[Sample] = []
@@ -206,19 +210,19 @@ class Simulation:
         """The pipeline of the simulated robot, with the map of its calibration."""
         return Pipeline.of_simulation(self._core, preset=preset, config=config)
 
-    def kidnap(self, pose: Sequence[float]) -> None:
+    def kidnap(self, pose: Numbers) -> None:
         """Moves the robot to a pose (x, y in metres, θ in radians), at rest."""
         self._core.kidnap(tuple(map(float, pose)))
 
-    def push(self, impulse: Sequence[float]) -> None:
+    def push(self, impulse: Numbers) -> None:
         """Pushes the robot: impulse along the field's x and y, N s."""
         self._core.push(tuple(map(float, impulse)))
 
-    def place_ball(self, position: Sequence[float], *, velocity: Sequence[float] = (0.0, 0.0)) -> None:
+    def place_ball(self, position: Numbers, *, velocity: Numbers = (0.0, 0.0)) -> None:
         """Places the ball on the field (metres) with a velocity (m/s)."""
         self._core.place_ball(tuple(map(float, position)), tuple(map(float, velocity)))
 
-    def place_robot(self, index: int, pose: Sequence[float]) -> None:
+    def place_robot(self, index: int, pose: Numbers) -> None:
         """Moves another robot to a pose, at rest; `index` as in `TruthSample.robots`."""
         self._core.place_robot(index, tuple(map(float, pose)))
 

@@ -19,6 +19,12 @@ fn as_written(value: f32) -> f64 {
         .unwrap_or_else(|_| f64::from(value))
 }
 
+fn known(name: &str, value: Option<f32>) -> PyResult<f64> {
+    value
+        .map(as_written)
+        .ok_or_else(|| PyValueError::new_err(format!("the camera has no {name}")))
+}
+
 /// A pinhole camera looking straight up into the mirror, as `[camera]` of robot.toml states it.
 #[pyclass(frozen, module = "mirrorball._core")]
 pub(crate) struct Camera(pub(crate) CameraConfig);
@@ -89,16 +95,16 @@ impl Camera {
         self.0.height_px
     }
 
-    /// Focal length, pixels.
+    /// Focal length, pixels. ValueError for the camera of a calibrated map, which has none.
     #[getter]
-    fn focal_px(&self) -> Option<f64> {
-        self.0.focal_px.map(as_written)
+    fn focal_px(&self) -> PyResult<f64> {
+        known("focal_px", self.0.focal_px)
     }
 
-    /// Pinhole above the ground, metres.
+    /// Pinhole above the ground, metres. ValueError for the camera of a calibrated map, which has none.
     #[getter]
-    fn pinhole_height_m(&self) -> Option<f64> {
-        self.0.height.map(as_written)
+    fn pinhole_height_m(&self) -> PyResult<f64> {
+        known("pinhole_height_m", self.0.height)
     }
 
     /// Where the mirror's axis meets the image (right, down), pixels.
