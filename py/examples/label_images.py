@@ -1,8 +1,8 @@
 """Label the colours of a folder of images, for `mirrorball calibrate colours --labels`.
 
 `python label_images.py samples/sequence --box 000.jpg 210 80 230 95 goal_blue` labels every pixel of a box (columns and rows
-of two corners) in an image of the recording; `--confirmed` adds confident detections: carpet beside line points, the points themselves, the ball.
-A picture of each image with its labels shows whether they are right.
+of two corners) in an image of the recording. `--confirmed` adds confident detections: carpet beside line points, the points
+themselves, the ball. A picture of each image with its labels shows whether they are right.
 """
 
 import argparse
