@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -156,8 +157,13 @@ def test_failed_export_of_the_package_leaves_the_earlier_file(tmp_path: Path) ->
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_log_after_a_full_disk_takes_a_free_name_and_says_what_it_continues(tmp_path: Path) -> None:
-    robot, log, earlier = tmp_path / "robot", tmp_path / "game.mcap", tmp_path / "game.2.mcap"
+def shift_digit(found: re.Match[bytes]) -> bytes:
+    """The number with another first decimal place: some decimetres aside."""
+    return found[1] + str((int(found[2]) + 3) % 10).encode()
+
+
+def test_log_after_a_full_disk_takes_a_free_name_and_verifies_from_the_state_that_it_holds(tmp_path: Path) -> None:
+    robot, log, earlier, messages = (tmp_path / name for name in ("robot", "game.mcap", "game.2.mcap", "messages"))
     earlier.write_text("of an earlier run")
     with socket.socket(type=socket.SOCK_DGRAM) as states:
         states.bind(("127.0.0.1", 0))
@@ -173,38 +179,52 @@ def test_log_after_a_full_disk_takes_a_free_name_and_says_what_it_continues(tmp_
         while not (robot / "hardware.toml").exists():
             assert time.monotonic() < until
             time.sleep(0.02)
-        play = subprocess.Popen(
-            [PROGRAM, "run", "--robot", robot, "--record", log, "--network", network, "--json"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            restore_signals=False,
-            preexec_fn=lambda: signal.signal(signal.SIGXFSZ, signal.SIG_IGN),
-        )
+        with messages.open("w") as stderr:
+            play = subprocess.Popen(
+                [PROGRAM, "run", "--robot", robot, "--record", log, "--network", network, "--json"],
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                text=True,
+                restore_signals=False,
+                preexec_fn=lambda: signal.signal(signal.SIGXFSZ, signal.SIG_IGN),
+            )
         _, hard = resource.prlimit(play.pid, resource.RLIMIT_FSIZE)
-        for _ in range(60):
+        for _ in range(90):
             states.recv(65535)
         resource.prlimit(play.pid, resource.RLIMIT_FSIZE, (1000, hard))
         for _ in range(60):
             states.recv(65535)
         resource.prlimit(play.pid, resource.RLIMIT_FSIZE, (hard, hard))
         until = time.monotonic() + 60
-        while not (tmp_path / "game.3.mcap").exists() or (tmp_path / "game.3.mcap").stat().st_size < 10_000:
-            assert time.monotonic() < until
+        while "the log can be verified from the next cycle on" not in messages.read_text():
+            assert time.monotonic() < until, messages.read_text()
             states.recv(65535)
         for _ in range(60):
             states.recv(65535)
         play.send_signal(signal.SIGTERM)
-        out, err = play.communicate(timeout=60)
+        out, _ = play.communicate(timeout=60)
         sim.terminate()
         sim.wait(30)
-    assert play.returncode == 0, err
+    assert play.returncode == 0, messages.read_text()
     assert earlier.read_text() == "of an earlier run"
     summary = json.loads(out)["log"]
     assert [Path(file).name for file in summary["files"]] == ["game.mcap", "game.3.mcap"]
     assert summary["cycles_dropped"] > 0
-    done = run("replay", tmp_path / "game.3.mcap", "--verify", "--json")
-    assert done.returncode == 1 and "it continues game.mcap after a full disk" in done.stderr
-    verified = json.loads(done.stdout)["verified"]
-    assert (verified["identical"], verified["cycles"], verified["different"]) == (False, 0, 0)
-    assert verified["unverified"] > 0
+    for name, starts, cycles in (("game.mcap", 0, 1), ("game.3.mcap", 1, 30)):
+        done = run("replay", tmp_path / name, "--verify", "--json")
+        assert done.returncode == 0, done.stderr
+        verified = json.loads(done.stdout)["verified"]
+        assert (verified["identical"], verified["different"]) == (True, 0)
+        assert verified["cycles"] >= cycles and len(verified["verified_from_s"]) == starts
+    # Replay needs the state that the log holds: from another one its estimates differ.
+    with (tmp_path / "game.3.mcap").open("rb") as file:
+        reader = make_reader(file)
+        files = {each.name: each.data for each in reader.iter_attachments()}
+        messages_of_log = [(channel.topic, message.data) for _, channel, message in reader.iter_messages()]
+    states_of_log = [re.search(rb"pose = \[-?\d+\.", data) for topic, data in messages_of_log if topic == "/cycle"]
+    assert sum(found is not None for found in states_of_log) == 1
+    shifted = [(topic, re.sub(rb"(pose = \[-?\d+\.)(\d)", shift_digit, data)) for topic, data in messages_of_log]
+    write_log(tmp_path / "shifted.mcap", files, shifted, tmp_path / "game.3.mcap")
+    done = run("replay", tmp_path / "shifted.mcap", "--verify", "--json")
+    assert done.returncode == 1 and "differs" in done.stderr, done.stderr
+    assert json.loads(done.stdout)["verified"]["different"] > 0

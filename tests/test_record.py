@@ -49,3 +49,53 @@ def test_recording_without_a_camera_image_says_so_and_leaves_nothing(tmp_path: P
     _, message = recording.communicate(timeout=60)
     assert recording.returncode == 1 and "no image was recorded" in message, message
     assert not (tmp_path / "drive").exists() and not (tmp_path / "drive.part").exists()
+
+
+def exported(log: Path, folder: Path) -> int:
+    """Exports a log; the number of images, each of which is there."""
+    ended(start("replay", log, "--export", folder, "--json"))
+    with (folder / "frames.csv").open() as file:
+        images = [folder / row["file"] for row in csv.DictReader(file)]
+    assert all(image.is_file() for image in images)
+    return len(images)
+
+
+def wait_for_size(path: Path, size: int) -> None:
+    until = time.monotonic() + 60
+    while not path.exists() or path.stat().st_size < size:
+        assert time.monotonic() < until
+        time.sleep(0.1)
+
+
+def test_recorded_log_is_there_from_the_start_and_becomes_a_recording_folder(tmp_path: Path) -> None:
+    robot, log = tmp_path / "robot", tmp_path / "drive.mcap"
+    sim = hardware(robot, "--own-path")
+    recording = start("record", "--robot", robot, "--out", log, "--json")
+    wait_for_size(log, 4_000_000)
+    recording.send_signal(signal.SIGTERM)
+    report = ended(recording)
+    assert report["files"] == [str(log)] and report["odometry"] > 10 and report["imu"] > 10, report
+    assert exported(log, tmp_path / "drive") == report["frames"] > 10
+    rim = ended(start("calibrate", "rim", tmp_path / "drive", "--json"))
+    assert abs(rim["outer_radius_px"] - 234.0) < 3.0, rim
+    # It holds no estimates, and is not called verified.
+    verified = start("replay", log, "--verify")
+    _, message = verified.communicate(timeout=60)
+    assert verified.returncode == 1 and "--export" in message, message
+    again = start("record", "--robot", robot, "--out", log)
+    _, message = again.communicate(timeout=60)
+    assert again.returncode == 1 and "exists" in message
+    # A killed process leaves what was flushed.
+    killed = start("record", "--robot", robot, "--out", tmp_path / "killed.mcap")
+    wait_for_size(tmp_path / "killed.mcap", 4_000_000)
+    killed.kill()
+    killed.communicate()
+    sim.send_signal(signal.SIGTERM)
+    ended(sim)
+    ended(start("recover", tmp_path / "killed.mcap", "--out", tmp_path / "whole.mcap", "--json"))
+    assert exported(tmp_path / "whole.mcap", tmp_path / "killed") > 10
+    # Without an image nothing is left.
+    empty = start("record", "--robot", robot, "--out", tmp_path / "empty.mcap", "--duration", 1)
+    _, message = empty.communicate(timeout=60)
+    assert empty.returncode == 1 and "no image was recorded" in message
+    assert not (tmp_path / "empty.mcap").exists()

@@ -345,6 +345,31 @@ def test_command_recorded_before_a_restart_or_without_the_boot_number_has_no_eff
     assert ended(sim)["commands"]["too_long"] == 0
 
 
+def test_captured_sessions_replayed_in_turn_do_not_drive(tmp_path: Path, program: Program) -> None:
+    sim = hardware(tmp_path / "robot")
+    run = start("run", "--robot", tmp_path / "robot", "--network", program.network, "--json")
+    boot = program.state()["boot"]
+    captured = []
+    for session in range(2):
+        program.session += session
+        captured.append([program.datagram(sequence, boot, drive=FORWARD) for sequence in range(5)])
+        for datagram in captured[-1]:
+            program.send(datagram)
+            program.state(command_fault="")
+    # The sender is silent for longer than the silence after which a lower session number is accepted.
+    time.sleep(1.2)
+    for turn in range(4):
+        for datagram in captured[turn % 2]:
+            program.send(datagram)
+        program.state(command_fault="received before, or older than the latest message")
+        time.sleep(1.2)
+    run.send_signal(signal.SIGTERM)
+    commands = ended(run)["commands"]
+    assert commands["refused"] == {"old": 20} and commands["accepted"] + commands["overruled"] == 10, commands
+    sim.send_signal(signal.SIGTERM)
+    ended(sim)
+
+
 def test_without_a_base_no_command_counts_as_obeyed(tmp_path: Path, program: Program) -> None:
     sim = hardware(tmp_path / "robot")
     (tmp_path / "robot" / "base").unlink()

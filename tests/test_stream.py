@@ -1,11 +1,14 @@
 """Does the live stream survive what strangers do to it? Its connections are limited in number, time and size."""
 
 import base64
+import contextlib
 import json
 import os
+import resource
 import signal
 import socket
 import struct
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
@@ -121,6 +124,15 @@ def stream(tmp_path: Path, states: StateOutput) -> Iterator[int]:  # noqa: F811
     ended(sim)
 
 
+def listening_ports(pid: int) -> set[int]:
+    """The TCP ports on which a process listens."""
+    descriptors = Path(f"/proc/{pid}/fd").iterdir()
+    targets = [str(each.readlink()) for each in descriptors]
+    inodes = {target.removeprefix("socket:[").removesuffix("]") for target in targets}
+    rows = [line.split() for line in Path(f"/proc/{pid}/net/tcp").read_text().splitlines()[1:]]
+    return {int(row[1].split(":")[1], 16) for row in rows if row[3] == "0A" and row[9] in inodes}
+
+
 def header_comes(port: int) -> bool:
     viewer = Viewer(port)
     channels = viewer.channels()
@@ -129,8 +141,10 @@ def header_comes(port: int) -> bool:
 
 
 def test_stream_survives_floods_long_messages_slow_requests_and_strange_pages(stream: int) -> None:
-    # Far more connections than there is place for, all open at once.
-    crowd = [socket.create_connection(("127.0.0.1", stream), timeout=TIMEOUT_S) for _ in range(600)]
+    # Far more connections than there is place for, all open at once: more than the usual limit of descriptors.
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 2048)), hard))
+    crowd = [socket.create_connection(("127.0.0.1", stream), timeout=TIMEOUT_S) for _ in range(1001)]
     slow = crowd[0]
     slow.sendall(b"GET / HTTP/1.1\r\n")
     # The first ones have a place until their time for a request is over; the others are closed at once.
@@ -148,6 +162,38 @@ def test_stream_survives_floods_long_messages_slow_requests_and_strange_pages(st
     assert not page.accepted
     assert Viewer(stream, origin="http://localhost:8080").accepted
     assert header_comes(stream)
+
+
+def test_server_that_ended_for_lack_of_descriptors_is_started_again(tmp_path: Path, states: StateOutput) -> None:  # noqa: F811
+    port = free_port()
+    sim = hardware(tmp_path / "robot")
+    states.network.write_text(states.network.read_text() + f"\n[stream]\nport = {port}\n")
+    run = start("run", "--robot", tmp_path / "robot", "--network", states.network, "--json")
+    states.wait(3)
+    assert header_comes(port)
+    Viewer.close_all()
+    (inner,) = listening_ports(run.pid) - {port}
+    soft, hard = resource.prlimit(run.pid, resource.RLIMIT_NOFILE)
+    # The server behind the guard leaves its accept loop at the first error: it has no descriptor for a connection.
+    resource.prlimit(run.pid, resource.RLIMIT_NOFILE, (3, hard))
+    victim = socket.socket()
+    with contextlib.suppress(ConnectionError):
+        victim.connect(("127.0.0.1", inner))
+    until = time.monotonic() + TIMEOUT_S
+    while inner in listening_ports(run.pid):
+        assert time.monotonic() < until
+        states.wait(1)
+    resource.prlimit(run.pid, resource.RLIMIT_NOFILE, (soft, hard))
+    victim.close()
+    assert header_comes(port)
+    Viewer.close_all()
+    states.wait(3)
+    run.send_signal(signal.SIGTERM)
+    _, err = run.communicate(timeout=TIMEOUT_S)
+    assert run.returncode == 0
+    assert "the stream's server was gone and has been started again" in err, err
+    sim.send_signal(signal.SIGTERM)
+    ended(sim)
 
 
 def test_header_goes_only_to_the_viewer_that_subscribes(stream: int) -> None:

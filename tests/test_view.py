@@ -3,13 +3,16 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from test_robot import StateOutput, ended, free_port, hardware, start, states  # noqa: F401
 
 ROOT = Path(__file__).parent.parent
 PROGRAM = ROOT / "target" / "release" / "mirrorball"
@@ -186,3 +189,83 @@ def wait_for(path: Path) -> None:
     while not path.exists():
         assert time.monotonic() < end, f"{path} does not come"
         time.sleep(0.05)
+
+
+# Places in the window of 1280 × 800 pixels, layout "eyes": the parameters, reduced to one by the search.
+KEY_FIELD, SEND, REVOKE, SEARCH, FIRST_SETTING = (778, 94), (904, 94), (989, 94), (834, 135), (909, 181)
+KEY = "a phrase of the team"
+SETTING = "localize.attitude.tilt_compensation"
+
+
+def test_settings_sent_from_the_window_reach_the_robot_and_can_be_revoked(
+    display: str,
+    tmp_path: Path,
+    states: StateOutput,  # noqa: F811
+) -> None:
+    if shutil.which("xdotool") is None:
+        pytest.skip("xdotool is not installed")
+    own, messages, log_path = environment(tmp_path, display), tmp_path / "messages", tmp_path / "a.mcap"
+    port = free_port()
+    stream = f'\n[stream]\nport = {port}\ntuning = true\nkey = "{KEY}"\n'
+    states.network.write_text(states.network.read_text() + stream)
+    sim = hardware(tmp_path / "robot")
+    files = ["--network", states.network, "--record", log_path, "--images", "png"]
+    arguments = [PROGRAM, "run", "--robot", tmp_path / "robot", *files, "--json"]
+    with messages.open("w") as errors:
+        run = subprocess.Popen([*map(str, arguments)], stdout=subprocess.PIPE, stderr=errors, text=True)
+    states.wait(3)
+
+    def act(*commands: object) -> None:
+        subprocess.run(["xdotool", *map(str, commands)], env=own, check=True)
+
+    def click(place: tuple[int, int]) -> None:
+        # The window draws a few images a second, and takes a press and its release in different ones.
+        act("mousemove", *place, "sleep", "0.3", "mousedown", "1", "sleep", "0.2", "mouseup", "1", "sleep", "0.3")
+
+    def write(place: tuple[int, int], text: str) -> None:
+        click(place)
+        act("key", "ctrl+a", "sleep", "0.2", "type", "--delay", "30", text)
+
+    def wait_for(change: str, *, prepare: Callable[[], None], button: tuple[int, int]) -> None:
+        """Prepares and presses a button until the robot takes the change: a busy machine loses clicks."""
+        until = time.monotonic() + TIMEOUT_S
+        while f"{SETTING} {change}" not in messages.read_text():
+            assert time.monotonic() < until, messages.read_text()
+            prepare()
+            unchanged = messages.read_text().count("no setting differs")
+            click(button)
+            for _ in range(50):
+                states.wait(1)
+                text = messages.read_text()
+                if f"{SETTING} {change}" in text or text.count("no setting differs") > unchanged:
+                    break
+
+    def prepare_change() -> None:
+        write(KEY_FIELD, KEY)
+        write(SEARCH, SETTING.split(".")[-1])
+        click(FIRST_SETTING)
+
+    window = subprocess.Popen([PROGRAM, "view", f"127.0.0.1:{port}", "--preset", "eyes"], env=own, stderr=subprocess.DEVNULL)
+    try:
+        found = subprocess.run(
+            ["xdotool", "search", "--sync", "--onlyvisible", "--name", "Mirrorball"],
+            env=own,
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT_S,
+            check=True,
+        )
+        act("windowfocus", found.stdout.split()[0])
+        wait_for("true → false", prepare=prepare_change, button=SEND)
+        wait_for("false → true", prepare=lambda: None, button=REVOKE)
+    finally:
+        window.kill()
+        window.wait()
+    states.wait(10)
+    run.send_signal(signal.SIGTERM)
+    report = ended(run)
+    sim.send_signal(signal.SIGTERM)
+    ended(sim)
+    changes = [change["reason"] for change in report["changes"] if change["device"] == "settings"]
+    assert any(f"{SETTING} true → false" in change for change in changes), changes
+    assert ended(start("replay", log_path, "--verify", "--json"))["verified"]["identical"]

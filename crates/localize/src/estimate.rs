@@ -129,6 +129,30 @@ impl Estimate {
         }
     }
 
+    /// No pose; `covariance` of a uniform distribution over the field.
+    pub fn lost(stamp: Stamp, covariance: Matrix3<f32>) -> Self {
+        Estimate {
+            stamp,
+            pose: None,
+            covariance,
+            mode: Mode::Lost,
+            reason: None,
+            inlier_rms: 0.0,
+            inlier_share: 0.0,
+            line_points: 0,
+            tilt: [0.0; 2],
+            half_known: false,
+            odometry_scales: [1.0; 2],
+            twist: None,
+            collision: false,
+            gyro_bias: 0.0,
+            latency: 0.0,
+            fit: Default::default(),
+            map_correction: None,
+            runners_up: Vec::new(),
+        }
+    }
+
     /// Marks the pose as that of a doubtful set-up: it is not tracked, and `covariance` is added to its own.
     pub fn mark_setup_doubtful(&mut self, covariance: &Matrix3<f32>) {
         if self.pose.is_none() {

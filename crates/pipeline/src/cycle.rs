@@ -8,10 +8,12 @@ use localize::robot::ExposureSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::{TeamReport, TeamView};
 use localize::world::WorldView;
+use nalgebra::Matrix3;
 use vision::exposure::{ExposureCommand, ExposureStatus};
 use vision::process::Detections;
 
 use crate::sample::{GroundTruth, Sample, SourceImage};
+use crate::warm_start::WarmStart;
 
 /// One run of the pipeline: inputs, the result of each stage, refusals with reasons, durations.
 #[derive(Debug, Clone)]
@@ -59,6 +61,8 @@ pub struct Inputs {
     pub exposure_setting: Option<ExposureSetting>,
     /// All settings (TOML), if they were changed during the run and hold from this cycle on.
     pub changed_config_toml: Option<Arc<str>>,
+    /// The state from which a new pipeline went on at this cycle. Replay can start here.
+    pub warm_start: Option<WarmStart>,
 }
 
 /// Durations of the stages: the only part of a cycle that differs from run to run.
@@ -71,6 +75,22 @@ pub struct Timings {
 }
 
 impl Cycle {
+    /// Inputs before anything is computed from them; `covariance`: of a uniform distribution over the field.
+    pub fn from_inputs(stamp: Stamp, inputs: Inputs, covariance: Matrix3<f32>) -> Self {
+        Cycle {
+            stamp,
+            inputs,
+            detections: None,
+            line_points: Vec::new(),
+            estimate: Estimate::lost(stamp, covariance),
+            world: WorldView::default(),
+            team: TeamView::default(),
+            exposure: None,
+            image_fault: None,
+            timings: Timings::default(),
+        }
+    }
+
     /// The next camera setting, if it should change.
     pub fn camera_command(&self) -> Option<ExposureCommand> {
         self.exposure?.command

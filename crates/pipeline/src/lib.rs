@@ -6,6 +6,7 @@ pub mod config;
 mod presets;
 
 pub mod csv_table;
+pub mod partial_folder;
 pub mod paths;
 pub mod sample;
 pub mod scan_map_cache;
@@ -18,6 +19,7 @@ pub mod corrected_map;
 pub mod cycle;
 pub mod observations;
 pub mod pipeline;
+mod warm_start;
 
 pub mod feed;
 pub mod log;
@@ -38,3 +40,4 @@ pub mod testing;
 pub use config::PipelineConfig;
 pub use cycle::{Cycle, Inputs, Timings};
 pub use pipeline::Pipeline;
+pub use warm_start::WarmStart;

@@ -403,8 +403,7 @@ pub fn print(summaries: &[RobotSummary]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::log::{LogReader, verify};
-    use crate::setup::Setup;
+    use crate::log::{LogReader, UnpackedSetup, verify};
     use crate::simulation::load_scenario_with_overrides;
 
     fn scenario() -> (PathBuf, Scenario) {
@@ -466,13 +465,9 @@ mod tests {
             assert_eq!(cycles(&log), cycles(&again));
         }
         let log = LogReader::open(&log_path(&log, 1)).expect("a log");
-        let files = folder.path().join("files");
-        std::fs::create_dir(&files).expect("a folder");
-        log.header().write_files(&files).expect("written");
-        let setup = Setup::load(&files.join("robot.toml"), None).expect("a setup");
-        let settings = files.join(crate::config::PIPELINE_FILE);
-        let config = PipelineConfig::load("default", Some(&settings)).expect("settings");
-        let mut pipeline = Pipeline::new(&setup, &config).expect("a pipeline");
+        let unpacked = UnpackedSetup::load(log.header()).expect("a setup");
+        let config = unpacked.config().expect("settings");
+        let mut pipeline = Pipeline::new(&unpacked.setup, &config).expect("a pipeline");
         let verdict = verify(log, |sample| pipeline.process_sample(sample)).expect("verified");
         assert_eq!((verdict.different, verdict.first_difference), (0, None));
         assert!(verdict.cycles >= 29 && verdict.vision_cycles == verdict.cycles);

@@ -1,6 +1,5 @@
 //! How does a sample become a pose? The stages in order, one cycle per image, live, simulated or replayed alike.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Result;
@@ -25,9 +24,10 @@ use crate::config::PipelineConfig;
 use crate::cycle::{Cycle, Inputs, Timings};
 use crate::observations::{correct_goals, object_observations};
 use crate::paths;
-use crate::sample::{CameraImage, ImageContent, Sample, SourceImage};
+use crate::sample::{CameraImage, ImageContent, Sample, SettingsChange, SourceImage};
 use crate::scan_map_cache::{self, CacheStatus};
 use crate::setup::Setup;
+use crate::warm_start::{StampedPose, WarmStart};
 
 /// The stages in their order, with their state from image to image.
 ///
@@ -65,14 +65,6 @@ pub struct Pipeline {
     imu_calibration: Option<ImuCalibration>,
     /// Covariance added to each pose, if the set-up is known to be wrong.
     doubt: Option<Matrix3<f32>>,
-}
-
-/// The pose of the latest image, from which another pipeline can start.
-#[derive(Clone, Copy)]
-struct StampedPose {
-    stamp: Stamp,
-    pose: Pose,
-    covariance: Matrix3<f32>,
 }
 
 /// What one image gave: features for localization, or the reason why there are none.
@@ -129,8 +121,10 @@ impl Pipeline {
             detector.set_colour_table(colours.clone());
         }
         let basis = map_basis(setup, &localize)?;
+        let origin_std = setup.map_origin_std(localize.map_correction.origin_std);
         let (mut localizer, notice) = build_localizer(setup, localize);
         localizer.set_map_basis(basis);
+        localizer.set_map_origin_std(origin_std);
         Ok(Pipeline {
             vision: detector,
             image_check,
@@ -172,23 +166,38 @@ impl Pipeline {
     /// Takes over the pose and the pending inputs of another pipeline, so that settings can change while the robot drives.
     pub fn warm_start_from(&mut self, other: &Pipeline) {
         self.inputs = other.inputs.clone();
-        self.last_pose = other.last_pose;
-        if let Some(last) = self.last_pose {
-            self.localizer
-                .set_pose(last.stamp, last.pose, &last.covariance);
-        }
-        if let (Some(exposure), Some(before)) = (&mut self.exposure, &other.exposure) {
-            exposure.continue_from(before);
+        self.start_from(&other.warm_start());
+    }
+
+    /// Goes on with a new pipeline from the next cycle on. The log gets the change.
+    ///
+    /// Replay does the same at the same cycle, so its bits are equal. It goes on from the state of the log, which it does
+    /// not have itself after a gap.
+    pub fn replace_by(&mut self, mut next: Pipeline, change: SettingsChange) {
+        let state = change.warm_start.unwrap_or_else(|| self.warm_start());
+        next.inputs = std::mem::take(&mut self.inputs);
+        next.start_from(&state);
+        next.inputs.changed_config_toml = Some(change.config_toml);
+        next.inputs.warm_start = Some(state);
+        *self = next;
+    }
+
+    fn warm_start(&self) -> WarmStart {
+        WarmStart {
+            pose: self.last_pose,
+            exposure: self.exposure.as_ref().map(AutoExposure::state),
         }
     }
 
-    /// Goes on with a pipeline of other settings from the next cycle on; `settings`: all of them (TOML), for the log.
-    ///
-    /// Replay does the same at the same cycle, so its bits are equal.
-    pub fn replace_by(&mut self, mut next: Pipeline, settings: Arc<str>) {
-        next.warm_start_from(self);
-        next.inputs.changed_config_toml = Some(settings);
-        *self = next;
+    fn start_from(&mut self, state: &WarmStart) {
+        self.last_pose = state.pose;
+        if let Some(last) = &state.pose {
+            let (stamp, pose, covariance) = last.parts();
+            self.localizer.set_pose(stamp, pose, &covariance);
+        }
+        if let (Some(exposure), Some(before)) = (&mut self.exposure, state.exposure) {
+            exposure.continue_from(before);
+        }
     }
 
     /// Particles of the global search; empty if its method has none.
@@ -210,7 +219,10 @@ impl Pipeline {
             Sample::Command(command) => self.inputs.commands.push(command),
             Sample::TeamReport(report) => self.inputs.reports.push(report),
             Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
-            Sample::Settings(settings) => self.inputs.changed_config_toml = Some(settings),
+            Sample::Settings(change) => {
+                self.inputs.changed_config_toml = Some(change.config_toml);
+                self.inputs.warm_start = change.warm_start;
+            }
             Sample::Image(image) => return Some(self.process_image(image)),
         }
         None
@@ -240,11 +252,9 @@ impl Pipeline {
         let team = self.team.update(stamp, &world, &estimate);
         // For the next image: this image's estimate is final already.
         self.localizer.add_half_log_odds(team.half_log_odds);
-        self.last_pose = estimate.pose.map(|pose| StampedPose {
-            stamp,
-            pose,
-            covariance: estimate.covariance,
-        });
+        self.last_pose = estimate
+            .pose
+            .map(|pose| StampedPose::new(stamp, pose, &estimate.covariance));
         Cycle {
             stamp,
             inputs,

@@ -13,6 +13,8 @@ use localize::team::TeamReport;
 use vision::image::{Image, ImageView, PixelFormat};
 use vision::process::Detections;
 
+use crate::warm_start::WarmStart;
+
 /// True poses and positions at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroundTruth {
@@ -46,9 +48,18 @@ pub enum Sample {
     /// Ground truth, for scoring. No stage reads it.
     GroundTruth(GroundTruth),
     /// Settings (TOML) that were changed during the run and hold from the next cycle on. Who owns the pipeline replaces it.
-    Settings(Arc<str>),
+    Settings(SettingsChange),
     /// An image. It completes a cycle.
     Image(CameraImage),
+}
+
+/// Settings that were changed during the run, with the state from which the pipeline goes on.
+#[derive(Debug, Clone)]
+pub struct SettingsChange {
+    /// All settings (TOML).
+    pub config_toml: Arc<str>,
+    /// None in older logs: replay then goes on from its own state.
+    pub warm_start: Option<WarmStart>,
 }
 
 /// The input of vision in one cycle.

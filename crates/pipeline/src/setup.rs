@@ -121,6 +121,16 @@ impl Setup {
     pub fn is_calibrated(&self) -> bool {
         self.robot.map.is_some() || self.robot.mirror.is_none()
     }
+
+    /// Standard deviation of the map's origin from the robot's centre, per axis, metres: that of robot.toml, else `default`.
+    /// The map of a mirror as designed has its origin at the centre.
+    pub fn map_origin_std(&self, default: f32) -> f32 {
+        if self.camera.is_none() || self.traced_mirror.is_some() {
+            return 0.0;
+        }
+        let stated = self.robot.map.as_ref().and_then(|map| map.origin_std);
+        stated.unwrap_or(default)
+    }
 }
 
 /// Is the ground map that of the mirror as designed? Logs store such a map beside the profile.

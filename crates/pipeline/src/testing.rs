@@ -132,6 +132,7 @@ impl RandomValues {
                 gain: self.value(),
             }),
             changed_config_toml: None,
+            warm_start: None,
         }
     }
 

@@ -3,9 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use pipeline::config::PIPELINE_FILE;
 use pipeline::feed::Pace;
-use pipeline::log::{Header, LogConfig, LogReader, Recorder, verify};
+use pipeline::log::{Header, LogConfig, LogReader, Recorder, UnpackedSetup, verify};
 use pipeline::recording::Recording;
 use pipeline::setup::Setup;
 use pipeline::{Pipeline, PipelineConfig};
@@ -47,11 +46,9 @@ fn a_log_of_version_0_1_0_verifies_with_its_own_settings() {
 
     let log = LogReader::open(&path).expect("a log");
     assert!(!log.header().files.contains_key("spine.toml"));
-    log.header().write_files(folder.path()).expect("files");
-    let own = folder.path().join(PIPELINE_FILE);
-    let config = PipelineConfig::load("default", Some(&own)).expect("settings");
-    let setup = Setup::load(&folder.path().join("robot.toml"), None).expect("the log's setup");
-    let mut pipeline = Pipeline::new(&setup, &config).expect("a pipeline");
+    let unpacked = UnpackedSetup::load(log.header()).expect("the log's setup");
+    let config = unpacked.config().expect("settings");
+    let mut pipeline = Pipeline::new(&unpacked.setup, &config).expect("a pipeline");
     let report = verify(log, |sample| pipeline.process_sample(sample)).expect("verified");
     assert_eq!(report.first_difference, None);
     assert_eq!((report.cycles, report.vision_cycles), (20, 20));

@@ -1,14 +1,14 @@
 //! `mirrorball replay`: verify a log by computing it again, or export it as a recording folder.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
-use pipeline::config::PIPELINE_FILE;
-use pipeline::log::{self, Difference, LogCompleteness, LogReader, VerificationReport};
+use pipeline::log::{
+    self, Difference, LogCompleteness, LogReader, UnpackedSetup, VerificationReport,
+};
 use pipeline::sample::Sample;
-use pipeline::setup::Setup;
 use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Pipeline, PipelineConfig};
 
@@ -50,6 +50,8 @@ struct VerifyOutcome {
     vision_cycles: u64,
     different: u64,
     unverified: u64,
+    /// Seconds: stamps of the cycles after gaps from which the estimates are verified.
+    verified_from_s: Vec<f64>,
     whole: bool,
 }
 
@@ -95,6 +97,13 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         if let Some(note) = log.header().version_mismatch() {
             eprintln!("{}: {note}", args.log.display());
         }
+        if log.header().holds_inputs_only() {
+            bail!(
+                "{}: nothing is verified: the log holds what devices measured, and no estimates. \
+                 Convert it to a recording folder with --export",
+                args.log.display()
+            );
+        }
         let continued = log.header().continues.clone();
         let (report, warnings) =
             verify_log(log).with_context(|| format!("cannot verify {}", args.log.display()))?;
@@ -111,12 +120,13 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             vision_cycles: report.vision_cycles,
             different: report.different,
             unverified: report.unverified,
+            verified_from_s: report.resumed.iter().map(|stamp| stamp.seconds()).collect(),
             whole: report.end == LogCompleteness::Complete,
         });
         failure = report.first_difference;
         nothing_verified = (report.cycles == 0).then_some(match continued {
             Some(earlier) => format!(
-                "it continues {earlier} after a full disk, and replay would need the state at the end of that log. \
+                "it continues {earlier} after a full disk, and ended before a cycle that holds the state of the pipeline. \
                  Verify the first log of the run"
             ),
             None => "no cycle could be computed again (expected at least one)".to_owned(),
@@ -145,14 +155,9 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
 
 /// Runs a new pipeline, built from the log's own files, over the log. Returns warnings about its set-up, too.
 fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
-    let folder =
-        tempfile::tempdir().context("cannot make a temporary folder for the log's files")?;
-    log.header().write_files(folder.path())?;
-    let (setup, config, mut pipeline) = load_pipeline(folder.path()).map_err(|error| {
-        // The files are in the log; the temporary folder means nothing to the user.
-        let unpacked = format!("{}/", folder.path().display());
-        anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
-    })?;
+    let unpacked = UnpackedSetup::load(log.header())?;
+    let (setup, config) = (&unpacked.setup, unpacked.config()?);
+    let mut pipeline = Pipeline::new(setup, &config)?;
     if let Some(notice) = pipeline.notice() {
         eprintln!("{notice}");
     }
@@ -160,15 +165,15 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
     let mut keyframes = KeyframeCollector::default();
     let mut invalid_settings = None;
     let report = log::verify(log, |sample| {
-        if let Sample::Settings(settings) = sample {
-            let next = PipelineConfig::parse(&settings)
+        if let Sample::Settings(change) = sample {
+            let next = PipelineConfig::parse(&change.config_toml)
                 .map_err(anyhow::Error::from)
                 .and_then(|config| {
                     config.check()?;
-                    Pipeline::new(&setup, &config)
+                    Pipeline::new(setup, &config)
                 });
             match next {
-                Ok(next) => pipeline.replace_by(next, settings),
+                Ok(next) => pipeline.replace_by(next, change),
                 Err(error) => invalid_settings = Some(error),
             }
             return None;
@@ -182,7 +187,7 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
     });
     bar.finish_and_clear();
     let found = setup_check::check(
-        &setup,
+        setup,
         &config,
         &keyframes.keyframes(),
         Vec::new(),
@@ -194,21 +199,13 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
     Ok((report?, found.warnings))
 }
 
-/// Set-up, settings and a pipeline from the files of a log.
-fn load_pipeline(folder: &Path) -> Result<(Setup, PipelineConfig, Pipeline)> {
-    let setup = Setup::load(&folder.join("robot.toml"), None)?;
-    let settings = folder.join(PIPELINE_FILE);
-    let config = PipelineConfig::load("default", settings.exists().then_some(&*settings))?;
-    let pipeline = Pipeline::new(&setup, &config)?;
-    Ok((setup, config, pipeline))
-}
-
 fn print(report: &VerificationReport) {
     let VerificationReport {
         cycles,
         vision_cycles,
         different,
         gap,
+        resumed,
         unverified,
         end,
         ..
@@ -229,6 +226,12 @@ fn print(report: &VerificationReport) {
         println!(
             "not verified: {unverified} cycles after one that was dropped at {} s",
             gap.seconds()
+        );
+    }
+    for stamp in resumed {
+        println!(
+            "verified again from {} s on, where the log holds the state of the pipeline",
+            stamp.seconds()
         );
     }
     if *end == LogCompleteness::Truncated {

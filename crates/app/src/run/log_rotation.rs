@@ -52,6 +52,8 @@ pub(crate) struct LogRotation {
     state: State,
     retry_period: Duration,
     summary: LogSummary,
+    /// The log continues another, and no cycle of it holds the state that replay needs.
+    needs_state: bool,
 }
 
 /// Where and how a log is started.
@@ -113,15 +115,23 @@ impl LogRotation {
                 files: vec![path.to_owned()],
                 ..LogSummary::default()
             },
+            needs_state: false,
         })
+    }
+
+    /// True if the log continues another one and holds no state yet from which its estimates can be computed again.
+    pub(crate) fn needs_state(&self) -> bool {
+        self.needs_state && matches!(self.state, State::Writing(_))
     }
 
     /// Writes a cycle. Returns a message if the log failed or a new one started.
     pub(crate) fn write_cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
         let message = self.take_reopened();
+        let holds_state = cycle.inputs.warm_start.is_some();
         match &mut self.state {
             State::Writing(recorder) => {
                 let Err(error) = recorder.record_cycle(cycle) else {
+                    self.needs_state &= !holds_state;
                     return message;
                 };
                 self.summary.cycles_dropped += 1;
@@ -221,6 +231,7 @@ impl LogRotation {
         self.retry_period = reopened.retry_period;
         let (mut recorder, path) = reopened.next?;
         recorder.set_next_index(next_index);
+        self.needs_state = true;
         self.state = State::Writing(recorder);
         let message = format!("the log continues in {}", path.display());
         self.summary.files.push(path);

@@ -8,6 +8,7 @@ pub(crate) mod log_rotation;
 pub(crate) mod network;
 pub(crate) mod patrol;
 pub(crate) mod raw_image;
+mod replay_start;
 pub(crate) mod robot_folder;
 mod run_loop;
 pub(crate) mod status;

@@ -18,6 +18,7 @@ use super::log_rotation::LogRotation;
 use super::network::{self, RunNetwork};
 use super::patrol::Patrol;
 use super::raw_image::raw_image;
+use super::replay_start::ReplayStart;
 use super::robot_folder::RobotFolder;
 use super::status::{OperatorNotices, RunOutcome, RunReport, RunStatus};
 use super::stop_flag::StopFlag;
@@ -31,7 +32,7 @@ use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
-use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
+use pipeline::sample::{CameraImage, ImageContent, Sample, SettingsChange, SourceImage};
 use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Cycle, Pipeline, PipelineConfig};
 use vision::exposure::ExposureCommand;
@@ -63,6 +64,7 @@ pub(super) struct RunLoop {
     arbiter: CommandArbiter,
     network: RunNetwork,
     tuning: Option<Tuning>,
+    replay_start: ReplayStart,
     patrol: Option<Patrol>,
     teleop: bool,
     realtime: Option<i32>,
@@ -120,6 +122,7 @@ impl RunLoop {
             arbiter,
             network,
             tuning,
+            replay_start: ReplayStart::default(),
             patrol,
             teleop: args.teleop,
             realtime: args.realtime,
@@ -155,6 +158,7 @@ impl RunLoop {
             }
             exposure.command_camera(state.camera_command.take());
             self.take_tuned_pipeline(&mut status);
+            self.start_replayable_part(&state, &mut status);
             if let Some(image) = state.missing_image(hw::now()) {
                 self.process_sample(Sample::Image(image), &mut state, &mut status);
             }
@@ -302,10 +306,39 @@ impl RunLoop {
     fn take_tuned_pipeline(&mut self, status: &mut RunStatus) {
         let prepared = self.tuning.as_ref().and_then(Tuning::take_prepared);
         let Some(prepared) = prepared else { return };
-        self.pipeline
-            .replace_by(prepared.pipeline, prepared.settings.into());
+        let change = SettingsChange {
+            config_toml: prepared.settings.into(),
+            warm_start: None,
+        };
+        self.pipeline.replace_by(prepared.pipeline, change);
+        self.config = prepared.config;
+        self.replay_start.cancel();
         let text = format!("settings changed over the stream: {}", prepared.changes);
         status.report_settings(&text);
+        self.write_note(&text);
+    }
+
+    /// Goes on with a new pipeline, if the log needs a cycle from which it can be computed again.
+    fn start_replayable_part(&mut self, state: &RunState, status: &mut RunStatus) {
+        if !self.log.as_ref().is_some_and(LogRotation::needs_state) {
+            return;
+        }
+        self.replay_start
+            .prepare(&self.robot.setup, &self.config, hw::now());
+        let last = state.last_cycle.as_ref();
+        let Some(mode) = last.map(|cycle| cycle.estimate.mode) else {
+            return;
+        };
+        let text = match self.replay_start.take(mode) {
+            Some(Ok((pipeline, change))) => {
+                self.pipeline.replace_by(pipeline, change);
+                "the log can be verified from the next cycle on: a new pipeline took over the pose"
+                    .to_owned()
+            }
+            Some(Err(error)) => format!("the log cannot be verified after its gap: {error:#}"),
+            None => return,
+        };
+        status.report_log_change(&text);
         self.write_note(&text);
     }
 

@@ -24,7 +24,8 @@ pub(crate) struct PreparedPipeline {
     pub(crate) settings: String,
     /// What has changed, for the operator.
     pub(crate) changes: String,
-    config: PipelineConfig,
+    /// The same settings.
+    pub(crate) config: PipelineConfig,
 }
 
 /// The run's side of the tuning.

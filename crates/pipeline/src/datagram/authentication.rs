@@ -34,7 +34,7 @@ pub enum RejectReason {
     #[error("of another version")]
     Version,
     /// Received before, or older than the latest message.
-    #[error("heard before or overtaken")]
+    #[error("received before, or older than the latest message")]
     Old,
     /// A value is implausible on a field.
     #[error("no sensible numbers")]

@@ -10,6 +10,7 @@ use super::encoded_image::ImageCompression;
 use super::mcap_records::LogCompleteness;
 use super::read::{LogReader, LoggedCycle};
 use crate::csv_table::format_seconds;
+use crate::partial_folder::PartialFolder;
 use crate::recording::IMU_COLUMNS;
 
 /// Counts of what an export wrote.
@@ -27,42 +28,12 @@ pub struct ExportSummary {
 ///
 /// A log without images is exported with points.csv instead of frames.csv. An existing folder must be empty.
 pub fn export(log: LogReader, folder: &Path) -> Result<ExportSummary> {
-    let taken = folder.exists()
-        && folder
-            .read_dir()
-            .map_or(true, |mut entries| entries.next().is_some());
-    ensure!(
-        !taken,
-        "{} exists and is not an empty folder: name another",
-        folder.display()
-    );
-    let mut name = folder
-        .file_name()
-        .context("the folder has no name")?
-        .to_owned();
-    name.push(".part");
-    let partial = folder.with_file_name(name);
-    let exported = create_partial_folder(&partial)
-        .and_then(|()| write_recording(log, &partial))
-        .and_then(|exported| {
-            std::fs::rename(&partial, folder)
-                .with_context(|| format!("cannot write {}", folder.display()))?;
-            Ok(exported)
-        });
-    if exported.is_err() {
-        // The first error is reported. Failure to remove the partial folder is ignored.
-        let _ = std::fs::remove_dir_all(&partial);
-    }
-    exported
-}
-
-fn create_partial_folder(partial: &Path) -> Result<()> {
-    if partial.exists() {
-        std::fs::remove_dir_all(partial)
-            .with_context(|| format!("cannot clear {}", partial.display()))?;
-    }
-    std::fs::create_dir_all(partial.join("frames"))
-        .with_context(|| format!("cannot write {}", partial.display()))
+    let partial = PartialFolder::create(folder)?;
+    std::fs::create_dir(partial.path().join("frames"))
+        .with_context(|| format!("cannot write {}", partial.path().display()))?;
+    let exported = write_recording(log, partial.path())?;
+    partial.finish()?;
+    Ok(exported)
 }
 
 fn write_recording(mut log: LogReader, folder: &Path) -> Result<ExportSummary> {

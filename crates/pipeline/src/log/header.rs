@@ -127,8 +127,10 @@ impl Header {
         if let Some(map) = map {
             header = header.with_file("map.npz", map.to_npz().context("cannot pack the map")?);
         }
+        let origin_std = robot.map.as_ref().and_then(|map| map.origin_std);
         stored.map = map.map(|_| MapConfig {
             file: "map.npz".into(),
+            origin_std,
         });
         if let Some(mask) = &mut stored.mask {
             header = header.with_file("mask.png", read(mask)?);
@@ -141,6 +143,11 @@ impl Header {
             header = header.with_file("colours.table", colours.to_bytes());
         }
         Ok(header.with_file("robot.toml", toml::to_string(&stored)?))
+    }
+
+    /// True if the log holds what devices measured, and nothing computed from it (`mirrorball record`).
+    pub fn holds_inputs_only(&self) -> bool {
+        self.source.split(' ').next() == Some("record")
     }
 
     /// True if recomputed world and team must equal the recorded ones.

@@ -18,6 +18,7 @@ pub mod schema;
 mod start;
 #[cfg(test)]
 mod tests;
+mod unpack;
 mod verify;
 mod writer;
 
@@ -32,5 +33,6 @@ pub use record::Recorder;
 pub use recover::recover;
 pub use schema::convert::{mode_and_reason, reason_text};
 pub use start::start_log;
+pub use unpack::UnpackedSetup;
 pub use verify::{Difference, VerificationReport, verify};
 pub use writer::LogStats;

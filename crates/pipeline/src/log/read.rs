@@ -16,7 +16,7 @@ use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
 };
 use crate::cycle::Cycle;
-use crate::sample::{CameraImage, ImageContent, Sample};
+use crate::sample::{CameraImage, ImageContent, Sample, SettingsChange};
 
 /// An open log as an iterator of its cycles.
 ///
@@ -247,12 +247,25 @@ impl Iterator for LogReader {
 }
 
 impl LoggedCycle {
+    /// True if the cycle holds the state that it needs: a replay can start here.
+    pub fn starts_replay(&self) -> bool {
+        let inputs = &self.cycle.inputs;
+        inputs.changed_config_toml.is_some() && inputs.warm_start.is_some()
+    }
+
     /// The samples of the cycle: first changed settings, last the image.
     ///
     /// With `pixels`, the image holds its pixels if the log stored them losslessly. Otherwise it holds the detections.
     pub fn samples(&self, pixels: bool) -> Result<Vec<Sample>> {
-        let settings = self.cycle.inputs.changed_config_toml.clone();
-        let mut samples: Vec<Sample> = settings.map(Sample::Settings).into_iter().collect();
+        let inputs = &self.cycle.inputs;
+        let change = inputs
+            .changed_config_toml
+            .as_ref()
+            .map(|config_toml| SettingsChange {
+                config_toml: config_toml.clone(),
+                warm_start: inputs.warm_start.clone(),
+            });
+        let mut samples: Vec<Sample> = change.map(Sample::Settings).into_iter().collect();
         samples.extend(self.cycle.inputs.sorted_samples());
         let exact = self
             .image

@@ -7,6 +7,8 @@ use prost::Message;
 use super::encoded_image::ImageCompression;
 use super::mcap_records::LogCompleteness;
 use super::read::LogReader;
+#[cfg(doc)]
+use super::read::LoggedCycle;
 use super::schema::{convert, wire};
 use crate::cycle::Cycle;
 use crate::sample::Sample;
@@ -35,9 +37,11 @@ pub struct VerificationReport {
     pub different: u64,
     /// The first difference.
     pub first_difference: Option<Difference>,
-    /// Stamp of the first cycle after a dropped one. From there on the log lacks inputs.
+    /// Stamp of the first cycle after a dropped one. From there on the log lacks inputs, until a cycle holds its state.
     pub gap: Option<Stamp>,
-    /// Cycles after the gap.
+    /// Stamps of the cycles after gaps that hold the state from which replay goes on.
+    pub resumed: Vec<Stamp>,
+    /// Cycles between a gap and the next cycle that holds its state.
     pub unverified: u64,
     /// How the log ended.
     pub end: LogCompleteness,
@@ -47,21 +51,32 @@ pub struct VerificationReport {
 ///
 /// `process` is a fresh pipeline built from the log's own files: samples in, a cycle after each image. Vision is
 /// recomputed until an image is missing or lossy. After that the colour model may differ.
+///
+/// After a gap, verification goes on at the next cycle that holds the state of the pipeline: [`LoggedCycle::starts_replay`].
 pub fn verify(
     mut log: LogReader,
     mut process: impl FnMut(Sample) -> Option<Cycle>,
 ) -> Result<VerificationReport> {
     let (mut cycles, mut vision_cycles, mut different, mut unverified) = (0, 0, 0, 0);
-    let (mut first, mut gap) = (None, None);
+    let (mut first, mut gap, mut resumed) = (None, None, Vec::new());
+    // Index of the next cycle that can be computed again; None behind a gap.
+    let mut next_index = Some(0);
     let compare_world = log.header().has_comparable_world();
-    let mut pixels = log.header().images == ImageCompression::Png;
+    let lossless = log.header().images == ImageCompression::Png;
+    let mut pixels = lossless;
     for logged in log.by_ref() {
         let logged = logged?;
-        if gap.is_some() || logged.index != cycles {
+        if next_index != Some(logged.index) {
             gap = gap.or(Some(logged.cycle.stamp));
-            unverified += 1;
-            continue;
+            next_index = None;
+            if !logged.starts_replay() {
+                unverified += 1;
+                continue;
+            }
+            resumed.push(logged.cycle.stamp);
+            pixels = lossless;
         }
+        next_index = Some(logged.index + 1);
         pixels &= logged.image.is_some() || logged.cycle.detections.is_none();
         let mut computed = None;
         for sample in logged.samples(pixels)? {
@@ -84,6 +99,7 @@ pub fn verify(
         different,
         first_difference: first,
         gap,
+        resumed,
         unverified,
         end,
     })

@@ -15,7 +15,7 @@ mod variant;
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use localize::setup_check::Explanation;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -25,8 +25,8 @@ pub use collector::KeyframeCollector;
 pub use measurements::MeasuredKeyframe;
 pub use ranges::RangeFinding;
 
-use crate::config::{PIPELINE_FILE, PipelineConfig};
-use crate::log::LogReader;
+use crate::config::PipelineConfig;
+use crate::log::{LogReader, UnpackedSetup};
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
 use assess::{Assessment, assess};
@@ -121,18 +121,14 @@ pub fn check_recording(
 /// Checks the set-up that a log holds by the line points, wheels and compass that it recorded.
 pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
     let log = LogReader::open(path)?;
-    let folder =
-        tempfile::tempdir().context("cannot make a temporary folder for the log's files")?;
-    log.header().write_files(folder.path())?;
-    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
-    let settings = folder.path().join(PIPELINE_FILE);
-    let config = PipelineConfig::load("default", settings.exists().then_some(&*settings))?;
+    let unpacked = UnpackedSetup::load(log.header())?;
+    let config = unpacked.config()?;
     let mut keyframes = KeyframeCollector::default();
     for logged in log {
         keyframes.add_cycle(&logged?.cycle);
     }
     Ok(check(
-        &setup,
+        &unpacked.setup,
         &config,
         &keyframes.keyframes(),
         Vec::new(),

@@ -3,6 +3,7 @@
 use localize::config::SettingError;
 use localize::math;
 use localize::robot::{CameraConfig, CameraControl, ExposureSetting};
+use serde::{Deserialize, Serialize};
 
 use crate::config::AutoExposureConfig;
 use crate::error::VisionError;
@@ -12,23 +13,17 @@ use crate::exposure::{ExposureCommand, ExposureStatus};
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
 
-/// Controls exposure and gain.
-#[derive(Debug, Clone)]
-pub struct AutoExposure {
-    pub(super) config: AutoExposureConfig,
-    camera: Option<CameraControl>,
-    /// Own body and nearest carpet: always visible.
-    centre_pixels: Vec<[u16; 2]>,
-    /// The whole mirror.
-    scene_pixels: Vec<[u16; 2]>,
-    image_index: u64,
+/// What a control has learned about the camera, to go on from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ExposureState {
+    pub(super) image_index: u64,
     pub(super) setting: ExposureSetting,
     /// A command not yet in effect, and the centre's level when it was issued.
     pub(super) pending: Option<(ExposureCommand, f32)>,
     /// Images by which the last checked command took effect later than assumed or reported.
-    effect_delay: u64,
+    pub(super) effect_delay: u64,
     /// First image on which the pending command seemed to be in effect.
-    arrived_at: Option<u64>,
+    pub(super) arrived_at: Option<u64>,
     /// Centre level from which a change of the light is measured. None during a search.
     pub(super) reference_level: Option<f32>,
     pub(super) search_steps: u32,
@@ -40,7 +35,19 @@ pub struct AutoExposure {
     pub(super) last_step: f32,
     /// Level ∝ light^response: 1 for a linear camera, about 0.45 with the usual gamma; estimated from commands.
     pub(super) response: f32,
-    warned: bool,
+    pub(super) warned: bool,
+}
+
+/// Controls exposure and gain.
+#[derive(Debug, Clone)]
+pub struct AutoExposure {
+    pub(super) config: AutoExposureConfig,
+    camera: Option<CameraControl>,
+    /// Own body and nearest carpet: always visible.
+    centre_pixels: Vec<[u16; 2]>,
+    /// The whole mirror.
+    scene_pixels: Vec<[u16; 2]>,
+    pub(super) state: ExposureState,
     levels: Vec<u8>,
 }
 
@@ -123,36 +130,32 @@ impl AutoExposure {
             camera: control,
             centre_pixels: subsample(&centre, CENTRE_PIXELS),
             scene_pixels: subsample(&scene, SCENE_PIXELS),
-            image_index: 0,
-            setting,
-            pending: None,
-            effect_delay: ARRIVAL_FRAMES_MAX,
-            arrived_at: None,
-            reference_level: None,
-            search_steps: 0,
-            optimum: None,
-            phase: SearchPhase::MaximizingEntropy,
-            last_step: 0.0,
-            response: INITIAL_RESPONSE,
-            warned: false,
+            state: ExposureState {
+                image_index: 0,
+                setting,
+                pending: None,
+                effect_delay: ARRIVAL_FRAMES_MAX,
+                arrived_at: None,
+                reference_level: None,
+                search_steps: 0,
+                optimum: None,
+                phase: SearchPhase::MaximizingEntropy,
+                last_step: 0.0,
+                response: INITIAL_RESPONSE,
+                warned: false,
+            },
             levels: Vec::new(),
         })
     }
 
-    /// Takes over what another control knows about the camera, so that settings can change without a search.
-    pub fn continue_from(&mut self, other: &AutoExposure) {
-        self.image_index = other.image_index;
-        self.setting = other.setting;
-        self.pending = other.pending;
-        self.effect_delay = other.effect_delay;
-        self.arrived_at = other.arrived_at;
-        self.reference_level = other.reference_level;
-        self.search_steps = other.search_steps;
-        self.optimum = other.optimum;
-        self.phase = other.phase;
-        self.last_step = other.last_step;
-        self.response = other.response;
-        self.warned = other.warned;
+    /// What was learned so far. With it, another control goes on without a search.
+    pub fn state(&self) -> ExposureState {
+        self.state
+    }
+
+    /// Goes on from what another control has learned.
+    pub fn continue_from(&mut self, state: ExposureState) {
+        self.state = state;
     }
 
     /// Call with every image, in order; measures every `check_every`-th, and more often during a search.
@@ -164,22 +167,23 @@ impl AutoExposure {
         image: &ImageView<'_>,
         reported: Option<ExposureSetting>,
     ) -> Option<ExposureStatus> {
-        let image_index = self.image_index;
-        self.image_index += 1;
+        let image_index = self.state.image_index;
+        self.state.image_index += 1;
         let reported = reported.filter(|setting| {
             let light = self.camera.map(|control| control.light(*setting));
             light.is_some_and(|light| light.is_finite() && light > 0.0)
         });
         let arrived = self
+            .state
             .pending
             .filter(|(command, _)| self.has_arrived(command, image_index, reported));
-        let waiting = self.pending.is_some() && arrived.is_none();
+        let waiting = self.state.pending.is_some() && arrived.is_none();
         // Someone else set the camera, or it starts with another setting.
         let other_setting = reported.filter(|reported| {
-            self.pending.is_none()
+            self.state.pending.is_none()
                 && math::ln(self.light_ratio(*reported)).abs() > REPORTED_CHANGE_MIN
         });
-        let searching = self.camera.is_some() && self.reference_level.is_none();
+        let searching = self.camera.is_some() && self.state.reference_level.is_none();
         let due = image_index.is_multiple_of(self.config.check_every.max(1));
         let changed = arrived.is_some() || other_setting.is_some();
         if !self.config.enabled || waiting || !(due || searching || changed) {
@@ -194,29 +198,30 @@ impl AutoExposure {
                 return None;
             }
             light_jumped = math::ln(ratio).abs() > self.config.brightness_change_min;
-            self.setting = setting;
+            self.state.setting = setting;
             self.update_response(before, level, ratio);
-            self.pending = None;
+            self.state.pending = None;
             // A camera that does not follow is at its limit: the search ends.
             if math::ln(ratio).abs() < self.config.convergence_tolerance {
-                self.reference_level = Some(level.max(1.0));
+                self.state.reference_level = Some(level.max(1.0));
             }
         } else if let Some(setting) = other_setting {
             light_jumped =
                 math::ln(self.light_ratio(setting)).abs() > self.config.brightness_change_min;
-            self.setting = setting;
+            self.state.setting = setting;
         }
         let histogram = Histogram::from_pixels(image, &self.scene_pixels);
         let mut status = ExposureStatus {
             entropy: histogram.entropy(1.0),
             centre_brightness: level,
-            applied_setting: self.camera.map(|_| self.setting),
+            applied_setting: self.camera.map(|_| self.state.setting),
             searching: false,
             command: None,
             setting_changed_brightness: light_jumped,
             uncontrolled_light_change: false,
         };
         let change = self
+            .state
             .reference_level
             .map(|reference| math::ln(level.max(1.0) / reference));
         let changed = change.is_none_or(|change| change.abs() > self.config.brightness_change_min);
@@ -236,16 +241,17 @@ impl AutoExposure {
             }
             Some(_) => {
                 let at_optimum =
-                    |optimum: &&mut Optimum| self.reference_level == Some(optimum.level);
-                if let Some(optimum) = self.optimum.as_mut().filter(at_optimum) {
+                    |optimum: &&mut Optimum| self.state.reference_level == Some(optimum.level);
+                if let Some(optimum) = self.state.optimum.as_mut().filter(at_optimum) {
                     optimum.entropy.add(status.entropy);
                 }
             }
             None => {
                 // The first measurement is the reference for the others.
-                self.reference_level.get_or_insert(level.max(1.0));
-                status.uncontrolled_light_change = change.is_some() && changed && !self.warned;
-                self.warned |= status.uncontrolled_light_change;
+                self.state.reference_level.get_or_insert(level.max(1.0));
+                status.uncontrolled_light_change =
+                    change.is_some() && changed && !self.state.warned;
+                self.state.warned |= status.uncontrolled_light_change;
             }
         }
         Some(status)
@@ -254,7 +260,7 @@ impl AutoExposure {
     /// Light of a setting over that of the present one; 1 without control.
     fn light_ratio(&self, setting: ExposureSetting) -> f32 {
         self.camera.map_or(1.0, |control| {
-            control.light(setting) / control.light(self.setting)
+            control.light(setting) / control.light(self.state.setting)
         })
     }
 
@@ -288,22 +294,22 @@ impl AutoExposure {
         ratio: f32,
         image_index: u64,
     ) -> bool {
-        let waited = image_index - *self.arrived_at.get_or_insert(image_index);
+        let waited = image_index - *self.state.arrived_at.get_or_insert(image_index);
         let is_checked =
             math::ln(ratio).abs() >= CHECKED_CHANGE_MIN && VALID_LEVELS.contains(&before);
         let is_last_chance = image_index >= command.from_frame + ARRIVAL_FRAMES_MAX;
         let is_in_effect = if is_checked {
             shows_effect(before, level, ratio)
         } else {
-            waited >= self.effect_delay
+            waited >= self.state.effect_delay
         };
         if !is_in_effect && !is_last_chance {
             return false;
         }
         if is_checked {
-            self.effect_delay = waited;
+            self.state.effect_delay = waited;
         }
-        self.arrived_at = None;
+        self.state.arrived_at = None;
         true
     }
 

@@ -6,16 +6,17 @@
 //! histogram of one image, so the robot may move and a search takes one or two commands.
 
 use localize::robot::ExposureSetting;
+use serde::{Deserialize, Serialize};
 
 mod auto_exposure;
 mod histogram;
 mod optimum;
 mod search;
 
-pub use auto_exposure::AutoExposure;
+pub use auto_exposure::{AutoExposure, ExposureState};
 
 /// A command to the camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ExposureCommand {
     /// Exposure and gain to set.
     pub setting: ExposureSetting,

@@ -1,9 +1,11 @@
 //! State of the search: its present part, the image that it judges, and the level that it found best.
 
+use serde::{Deserialize, Serialize};
+
 use crate::exposure::histogram::Histogram;
 
 /// What a search does at present.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) enum SearchPhase {
     /// The light changed: first the level of the optimum is restored. `steady`: successive images that have it.
     RestoringLevel { steady: u32 },
@@ -22,7 +24,7 @@ pub(super) struct Measurement<'a> {
 }
 
 /// Centre level of the highest entropy.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Optimum {
     /// Brightness of the image's centre, of 255.
     pub(super) level: f32,
@@ -31,7 +33,7 @@ pub(super) struct Optimum {
 }
 
 /// Mean and variance of the entropy while the setting stays, bits: it varies with the scene as the robot drives.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct EntropyStatistics {
     mean: f32,
     variance: f32,

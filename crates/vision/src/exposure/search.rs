@@ -17,12 +17,12 @@ const STEADY_IMAGES: u32 = 4;
 impl AutoExposure {
     /// Begins a search since the light changed.
     pub(super) fn restart_search(&mut self) {
-        self.reference_level = None;
-        self.phase = match self.optimum {
+        self.state.reference_level = None;
+        self.state.phase = match self.state.optimum {
             Some(_) => SearchPhase::RestoringLevel { steady: 0 },
             None => SearchPhase::MaximizingEntropy,
         };
-        (self.search_steps, self.last_step) = (0, 0.0);
+        (self.state.search_steps, self.state.last_step) = (0, 0.0);
     }
 
     /// One iteration of the search. None if it ends or waits.
@@ -34,29 +34,30 @@ impl AutoExposure {
         control: &CameraControl,
         image: &Measurement<'_>,
     ) -> Option<ExposureCommand> {
-        if let (SearchPhase::RestoringLevel { steady }, Some(optimum)) = (self.phase, self.optimum)
+        if let (SearchPhase::RestoringLevel { steady }, Some(optimum)) =
+            (self.state.phase, self.state.optimum)
         {
             let error = math::ln(image.level / optimum.level);
-            if error.abs() > self.config.convergence_tolerance * self.response {
-                self.phase = SearchPhase::RestoringLevel { steady: 0 };
+            if error.abs() > self.config.convergence_tolerance * self.state.response {
+                self.state.phase = SearchPhase::RestoringLevel { steady: 0 };
                 let log_step = self.log_step(math::exp(-error));
                 let command = self.command(control, log_step, image);
                 // The camera is at its limit.
                 if command.is_none() {
-                    self.reference_level = Some(image.level);
+                    self.state.reference_level = Some(image.level);
                 }
                 return command;
             }
             if steady + 1 < STEADY_IMAGES {
-                self.phase = SearchPhase::RestoringLevel { steady: steady + 1 };
+                self.state.phase = SearchPhase::RestoringLevel { steady: steady + 1 };
                 return None;
             }
             let variation = self.config.entropy_gain_min;
             if optimum.entropy.is_usual(image.entropy, variation) {
-                self.reference_level = Some(optimum.level);
+                self.state.reference_level = Some(optimum.level);
                 return None;
             }
-            self.phase = SearchPhase::MaximizingEntropy;
+            self.state.phase = SearchPhase::MaximizingEntropy;
         }
         self.maximize_entropy(control, image)
     }
@@ -68,24 +69,24 @@ impl AutoExposure {
     ) -> Option<ExposureCommand> {
         let mut log_step = self.log_step(image.histogram.best_scale(self.config.entropy_gain_min));
         // A reversed step means that the peak was passed: halve the step so that the search converges.
-        if log_step * self.last_step < 0.0 {
-            log_step = log_step.signum() * log_step.abs().min(0.5 * self.last_step.abs());
+        if log_step * self.state.last_step < 0.0 {
+            log_step = log_step.signum() * log_step.abs().min(0.5 * self.state.last_step.abs());
         }
-        self.search_steps += 1;
-        let command = (self.search_steps <= PEAK_STEPS_MAX)
+        self.state.search_steps += 1;
+        let command = (self.state.search_steps <= PEAK_STEPS_MAX)
             .then(|| self.command(control, log_step, image))
             .flatten();
         match command {
             Some(command) => {
-                let before = control.light(self.setting);
-                self.last_step = math::ln(control.light(command.setting) / before);
+                let before = control.light(self.state.setting);
+                self.state.last_step = math::ln(control.light(command.setting) / before);
             }
             None => {
                 // Without a step the level is still that of the optimum, but for the tolerance.
-                let known = self.optimum.filter(|_| self.last_step == 0.0);
+                let known = self.state.optimum.filter(|_| self.state.last_step == 0.0);
                 let level = known.map_or(image.level, |optimum| optimum.level);
-                self.reference_level = Some(level);
-                self.optimum = Some(Optimum {
+                self.state.reference_level = Some(level);
+                self.state.optimum = Some(Optimum {
                     level,
                     entropy: EntropyStatistics::new(image.entropy),
                 });
@@ -97,7 +98,7 @@ impl AutoExposure {
     /// Change of the logarithm of the light that scales the levels by `scale`.
     fn log_step(&self, scale: f32) -> f32 {
         let limit = math::ln(self.config.step_factor_max.max(1.0));
-        (math::ln(scale) / self.response).clamp(-limit, limit)
+        (math::ln(scale) / self.state.response).clamp(-limit, limit)
     }
 
     /// The command for a step. None if it is below the tolerance, perhaps because the camera is at its limit.
@@ -107,7 +108,7 @@ impl AutoExposure {
         log_step: f32,
         image: &Measurement<'_>,
     ) -> Option<ExposureCommand> {
-        let now = control.light(self.setting);
+        let now = control.light(self.state.setting);
         let setting = control.setting(now * math::exp(log_step));
         let taken = math::ln(control.light(setting) / now);
         if taken.abs() < self.config.convergence_tolerance {
@@ -117,7 +118,7 @@ impl AutoExposure {
             setting,
             from_frame: image.image_index + control.delay_frames.max(1),
         };
-        self.pending = Some((command, image.level));
+        self.state.pending = Some((command, image.level));
         Some(command)
     }
 
@@ -130,6 +131,6 @@ impl AutoExposure {
         }
         let response = (math::ln(after / before) / math::ln(ratio))
             .clamp(*RESPONSE_RANGE.start(), *RESPONSE_RANGE.end());
-        self.response = 0.5 * (self.response + response);
+        self.state.response = 0.5 * (self.state.response + response);
     }
 }

@@ -95,7 +95,7 @@ fn simulate_exposure(
         &AutoExposureConfig::default(),
     )
     .expect("a control");
-    let mut setting = auto_exposure.setting;
+    let mut setting = auto_exposure.state.setting;
     let mut commands: Vec<ExposureCommand> = Vec::new();
     let mut lights = Vec::new();
     for index in 0..frames {
@@ -123,7 +123,10 @@ fn exposure_settles_within_10_images_after_a_light_step() {
                 "gamma {gamma}, light × {factor}: exposed {before} before, {after} ten frames later: {:?}",
                 &lights[55..]
             );
-            assert!(auto_exposure.reference_level.is_some(), "still searching");
+            assert!(
+                auto_exposure.state.reference_level.is_some(),
+                "still searching"
+            );
         }
     }
 }
@@ -154,7 +157,7 @@ fn another_optimum_is_found_if_the_old_level_gives_less_entropy() {
     let config = AutoExposureConfig::default();
     let mut auto_exposure =
         AutoExposure::new(&map(), &camera(), None, Some(control), &config).expect("a control");
-    let (mut setting, mut entropies) = (auto_exposure.setting, Vec::new());
+    let (mut setting, mut entropies) = (auto_exposure.state.setting, Vec::new());
     let mut commands: Vec<ExposureCommand> = Vec::new();
     for index in 0..160 {
         for command in commands.iter().filter(|c| c.from_frame == index as u64) {
@@ -193,9 +196,9 @@ fn reported_settings_replace_assumed_delays_limits_and_starting_values() {
     let mut auto_exposure =
         AutoExposure::new(&map(), &camera(), None, Some(control), &config).expect("a control");
     // The camera starts at half the configured light, needs 5 images for a command and cannot exceed 3 times the light.
-    let mut setting = control.setting(0.5 * control.light(auto_exposure.setting));
+    let mut setting = control.setting(0.5 * control.light(auto_exposure.state.setting));
     let mut commands: Vec<(usize, ExposureCommand)> = Vec::new();
-    let limit = 3.0 * control.light(auto_exposure.setting);
+    let limit = 3.0 * control.light(auto_exposure.state.setting);
     let (mut levels, mut late_commands) = (Vec::new(), 0);
     for index in 0..200 {
         for (_, command) in commands.iter().filter(|(at, _)| at + 5 == index) {
@@ -217,7 +220,7 @@ fn reported_settings_replace_assumed_delays_limits_and_starting_values() {
         (control.light(setting) / limit - 1.0).abs() < 1e-3,
         "{levels:?}"
     );
-    assert!(auto_exposure.reference_level.is_some() && late_commands == 0);
+    assert!(auto_exposure.state.reference_level.is_some() && late_commands == 0);
 }
 
 /// Light of 120 images whose settings are reported `images_early` too early. From image 60 on the scene has a quarter of it.
@@ -226,7 +229,7 @@ fn lights_with_early_reports(images_early: usize) -> Vec<f32> {
     let config = AutoExposureConfig::default();
     let mut auto_exposure =
         AutoExposure::new(&map(), &camera(), None, Some(control), &config).expect("a control");
-    let (mut reported, mut in_force) = (auto_exposure.setting, auto_exposure.setting);
+    let (mut reported, mut in_force) = (auto_exposure.state.setting, auto_exposure.state.setting);
     let mut changes: Vec<(usize, ExposureCommand)> = Vec::new();
     let mut lights = Vec::new();
     for index in 0..120 {

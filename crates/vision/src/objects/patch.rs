@@ -42,6 +42,11 @@ pub(crate) fn logarithm(level: u8) -> f32 {
     LOGARITHMS[usize::from(level)]
 }
 
+/// Logarithm of each level, for loops that would look the table up for each pixel.
+pub(crate) fn logarithms() -> &'static [f32; 256] {
+    &LOGARITHMS
+}
+
 /// Where a patch lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PatchFrame {
@@ -187,24 +192,23 @@ pub(crate) fn coarse_pixels(
     pixels
 }
 
+/// Samples of a ball's coarse patch that show the floor before and beside it.
+const COARSE_FLOOR: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 11, 12, 17];
+/// Samples of a coarse patch nearest its origin.
+const COARSE_INNER: [usize; 4] = [14, 15, 20, 21];
+
 /// Pixels of the floor before a ball, inside the image.
-pub(crate) fn floor_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> + '_ {
-    let side = COARSE.len();
-    let is_floor =
-        move |index: usize| PatchKind::Ball.is_floor(COARSE[index / side], COARSE[index % side]);
-    let places = pixels.iter().enumerate();
-    places
-        .filter(move |&(index, &pixel)| is_floor(index) && pixel != OUTSIDE)
-        .map(|(_, &pixel)| pixel)
+pub(crate) fn floor_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> {
+    inside(COARSE_FLOOR.map(|index| pixels[index]))
 }
 
 /// Pixels of a coarse patch nearest its origin, inside the image.
 pub(crate) fn inner_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> {
-    let side = COARSE.len();
-    let middle = [side / 2 - 1, side / 2];
-    let places = middle.map(|row| middle.map(|column| pixels[row * side + column]));
-    let inside = |&pixel: &[u16; 2]| pixel != OUTSIDE;
-    places.into_iter().flatten().filter(inside)
+    inside(COARSE_INNER.map(|index| pixels[index]))
+}
+
+fn inside<const N: usize>(pixels: [[u16; 2]; N]) -> impl Iterator<Item = [u16; 2]> {
+    pixels.into_iter().filter(|&pixel| pixel != OUTSIDE)
 }
 
 /// Reads a coarse patch.
@@ -253,13 +257,17 @@ impl PatchKind {
     }
 }
 
+/// Room for the floor's samples of a full and of a coarse patch: whole vector registers of bytes.
+const FLOOR_ROOM: usize = 64;
+const COARSE_FLOOR_ROOM: usize = 16;
+
 /// Input of a network: channel by channel, row by row.
 pub(crate) fn normalize_patch(
     kind: PatchKind,
     colours: &PatchColours,
 ) -> [f32; CHANNELS * SAMPLES] {
     let floor = |index: usize| kind.is_floor(index / SIDE, index % SIDE);
-    normalize(kind, colours, floor)
+    normalize::<SAMPLES, _, FLOOR_ROOM>(kind, colours, floor)
 }
 
 /// As [`normalize_patch`], for a coarse patch.
@@ -269,16 +277,18 @@ pub(crate) fn normalize_coarse_patch(
 ) -> [f32; CHANNELS * COARSE_SAMPLES] {
     let side = COARSE.len();
     let floor = |index: usize| kind.is_floor(COARSE[index / side], COARSE[index % side]);
-    normalize(kind, colours, floor)
+    normalize::<COARSE_SAMPLES, _, COARSE_FLOOR_ROOM>(kind, colours, floor)
 }
 
-fn normalize<const N: usize, const M: usize>(
+#[inline(always)]
+fn normalize<const N: usize, const M: usize, const ROOM: usize>(
     kind: PatchKind,
     colours: &[Option<[u8; 3]>; N],
     is_floor: impl Fn(usize) -> bool,
 ) -> [f32; M] {
-    let logarithms = &*LOGARITHMS;
-    let mut floor = [[0u8; N]; 3];
+    let logarithms = logarithms();
+    // Free places hold the largest level, which no median counts.
+    let mut floor = [[u8::MAX; ROOM]; 3];
     let mut count = 0;
     // One array for each channel, so that the arithmetic below is vectorised.
     let mut logs = [[0.0f32; N]; 3];
@@ -298,7 +308,7 @@ fn normalize<const N: usize, const M: usize>(
             count += 1;
         }
     }
-    let reference = floor.map(|mut levels| median_logarithm(&mut levels[..count]));
+    let reference = floor.map(|levels| median_logarithm(&levels, count));
     let reference_range = range(reference);
     let mut input = [0.0; M];
     let [reds, greens, blues] = &logs;
@@ -320,17 +330,35 @@ fn normalize<const N: usize, const M: usize>(
 }
 
 /// Largest minus smallest channel.
+#[inline(always)]
 fn range([a, b, c]: [f32; 3]) -> f32 {
     a.max(b).max(c) - a.min(b).min(c)
 }
 
-/// Median of the levels' logarithms; the mean of the middle two of an even number.
-fn median_logarithm(levels: &mut [u8]) -> f32 {
-    let is_odd = levels.len() % 2 == 1;
-    let (before, &mut upper, _) = levels.select_nth_unstable(levels.len() / 2);
-    let lower = match before.iter().max() {
-        Some(&lower) if !is_odd => lower,
-        _ => upper,
+/// Median of the first levels' logarithms; the mean of the middle two of an even number. The others are the largest level.
+///
+/// The level of a rank is found bit by bit: counting needs no order, and vector instructions count at once.
+#[inline(always)]
+fn median_logarithm<const ROOM: usize>(levels: &[u8; ROOM], count: usize) -> f32 {
+    let below = |level: u8| -> usize {
+        let count: u8 = levels.iter().map(|&other| u8::from(other < level)).sum();
+        usize::from(count)
+    };
+    let rank = count / 2;
+    let mut upper = 0u8;
+    for bit in (0..u8::BITS).rev() {
+        let level = upper | 1 << bit;
+        if below(level) <= rank {
+            upper = level;
+        }
+    }
+    let lower = if count % 2 == 0 && below(upper) == rank {
+        let lesser = levels
+            .iter()
+            .map(|&level| if level < upper { level } else { 0 });
+        lesser.fold(0, u8::max)
+    } else {
+        upper
     };
     (logarithm(lower) + logarithm(upper)) / 2.0
 }
@@ -377,8 +405,39 @@ mod tests {
 
     #[test]
     fn median_of_levels_is_that_of_their_logarithms() {
-        let mean = (logarithm(20) + logarithm(30)) / 2.0;
-        assert!((median_logarithm(&mut [50, 10, 30, 20]) - mean).abs() < 1e-6);
-        assert!((median_logarithm(&mut [50, 10, 30]) - logarithm(30)).abs() < 1e-6);
+        // Against sorting, for many sets of levels, equal ones among them.
+        let mut state = 1u32;
+        for count in 1..=36 {
+            for _ in 0..20 {
+                let mut levels = [u8::MAX; 64];
+                for level in &mut levels[..count] {
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    *level = (state >> 24) as u8 / 3;
+                }
+                let mut sorted = levels[..count].to_vec();
+                sorted.sort_unstable();
+                let (lower, upper) = (sorted[(count - 1) / 2], sorted[count / 2]);
+                let expected = (logarithm(lower) + logarithm(upper)) / 2.0;
+                assert_eq!(median_logarithm(&levels, count), expected);
+            }
+        }
+        let brightest = [u8::MAX; 16];
+        assert_eq!(median_logarithm(&brightest, 3), logarithm(255));
+    }
+
+    #[test]
+    fn listed_samples_of_a_coarse_patch_are_its_floor_and_its_middle() {
+        let side = COARSE.len();
+        let place = |index: usize| (COARSE[index / side], COARSE[index % side]);
+        let floor: Vec<usize> = (0..COARSE_SAMPLES)
+            .filter(|&index| PatchKind::Ball.is_floor(place(index).0, place(index).1))
+            .collect();
+        assert_eq!(floor, COARSE_FLOOR);
+        let middle = SIDE as f32 / 2.0 - 0.5;
+        let far = |at: usize| (at as f32 - middle).abs() > 2.0;
+        let inner: Vec<usize> = (0..COARSE_SAMPLES)
+            .filter(|&index| !far(place(index).0) && !far(place(index).1))
+            .collect();
+        assert_eq!(inner, COARSE_INNER);
     }
 }

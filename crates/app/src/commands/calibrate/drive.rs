@@ -2,13 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use localize::robot::RobotConfig;
 use localize::sample::{Imu, Odometry};
-use localize::sensors::wheel_calibration::VisionPose;
+use localize::sensors::pose_pairs::VisionPose;
 use localize::{DistanceField, Stamp};
-use pipeline::config::PIPELINE_FILE;
-use pipeline::log::LogReader;
+use pipeline::log::{LogReader, UnpackedSetup};
 use pipeline::run::{RecordingOptions, RecordingRun};
 use pipeline::setup::Setup;
 use pipeline::{Cycle, PipelineConfig};
@@ -94,18 +93,14 @@ fn load_recording(folder: &Path) -> Result<Drive> {
 
 fn load_log(path: &Path) -> Result<Drive> {
     let log = LogReader::open(path)?;
-    let folder =
-        tempfile::tempdir().context("cannot make a temporary folder for the log's files")?;
-    log.header().write_files(folder.path())?;
-    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
-    let settings = folder.path().join(PIPELINE_FILE);
-    let config = PipelineConfig::load("default", settings.exists().then_some(&*settings))?;
-    let mut collector = Collector::new(&setup, &config);
+    let unpacked = UnpackedSetup::load(log.header())?;
+    let config = unpacked.config()?;
+    let mut collector = Collector::new(&unpacked.setup, &config);
     for logged in log {
         collector.add_cycle(&logged?.cycle);
         interrupt::check()?;
     }
-    Ok(collector.finish(setup.robot))
+    Ok(collector.finish(unpacked.setup.robot))
 }
 
 /// Collects the samples of cycles, and matches their line points again without wheels.

@@ -3,11 +3,11 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use localize::Stamp;
 
 use super::decoded_cycle::DecodedCycle;
-use pipeline::log::{LogIndex, LoggedCycle};
+use pipeline::log::{LogIndex, LoggedCycle, UnpackedSetup};
 use pipeline::setup::Setup;
 
 /// Decoded chunks kept in memory: about 1 MB each.
@@ -54,12 +54,9 @@ impl LogPlayer {
     ///
     /// Its paths point into a temporary folder that lives as long as the player.
     pub(crate) fn load_setup(&mut self) -> Result<Setup> {
-        let folder =
-            tempfile::tempdir().context("cannot create a temporary folder for the log's files")?;
-        self.index.header().write_files(folder.path())?;
-        let setup = Setup::load(&folder.path().join("robot.toml"), None);
+        let UnpackedSetup { setup, folder } = UnpackedSetup::load(self.index.header())?;
         self.folder = Some(folder);
-        setup
+        Ok(setup)
     }
 
     /// The last cycle at or before a time, else the first one after it.

@@ -5,12 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use localize::robot::BaseConfig;
 
 use crate::view::time_series::{CycleMetrics, TimeSeries};
-use pipeline::log::{ImageCompression, LogReader};
-use pipeline::setup::Setup;
+use pipeline::log::{ImageCompression, LogReader, UnpackedSetup};
 use pipeline::{Pipeline, PipelineConfig};
 
 /// Events queued for the view.
@@ -105,10 +104,7 @@ fn recompute_log(
     sender: &SyncSender<RecomputeEvent>,
 ) -> Result<()> {
     let log = LogReader::open(path)?;
-    let folder =
-        tempfile::tempdir().context("cannot create a temporary folder for the log's files")?;
-    log.header().write_files(folder.path())?;
-    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
+    let UnpackedSetup { setup, .. } = UnpackedSetup::load(log.header())?;
     let mut pipeline = Pipeline::new(&setup, config)?;
     let base: BaseConfig = setup.robot.base.clone().unwrap_or_default();
     for logged in log {

@@ -4,14 +4,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 
 use super::decoded_cycle::DecodedCycle;
 use super::inbox::CycleInbox;
 use super::remote_settings::{RemoteSettings, SettingsCourier};
 use super::stop_guard::StopGuard;
 use crate::stream::{StreamClient, StreamEvent};
-use pipeline::log::{Header, LoggedCycle};
+use pipeline::log::{Header, LoggedCycle, UnpackedSetup};
 use pipeline::setup::Setup;
 
 /// Time limit for connecting to the robot and receiving its header.
@@ -49,10 +49,7 @@ pub(crate) fn connect(address: &str, inbox: CycleInbox) -> Result<RemoteRobot> {
             _ => {}
         }
     };
-    let folder =
-        tempfile::tempdir().context("cannot create a temporary folder for the robot's files")?;
-    header.write_files(folder.path())?;
-    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
+    let UnpackedSetup { setup, folder } = UnpackedSetup::load(&header)?;
     let (guard, stop) = StopGuard::new();
     let (settings, mut courier) = RemoteSettings::new();
     client.request_settings()?;

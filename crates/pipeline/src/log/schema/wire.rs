@@ -239,6 +239,9 @@ pub(crate) struct Cycle {
     /// All settings, if they were changed and hold from this cycle on.
     #[prost(string, optional)]
     pub(crate) settings: Option<String>,
+    /// The state from which a new pipeline went on at this cycle (TOML).
+    #[prost(string, optional)]
+    pub(crate) warm_start: Option<String>,
 }
 
 /// An input file of a run, under its name in a recording folder.

@@ -9,8 +9,8 @@ use crate::cycle::{Cycle, Inputs};
 use crate::feed::Pace;
 use crate::log::verify::first_difference;
 use crate::log::{
-    Header, ImageCompression, LogCompleteness, LogConfig, LogReader, Recorder, VerificationReport,
-    export, verify,
+    Header, ImageCompression, LogCompleteness, LogConfig, LogReader, Recorder, UnpackedSetup,
+    VerificationReport, export, verify,
 };
 use crate::pipeline::Pipeline;
 use crate::recording::Recording;
@@ -175,9 +175,9 @@ fn record_and_verify(images: ImageCompression) -> VerificationReport {
     }
     recorder.finish().expect("written");
     let log = LogReader::open(&path).expect("a log");
-    log.header().write_files(folder.path()).expect("files");
-    let setup = Setup::load(&folder.path().join("robot.toml"), None).expect("the log's own setup");
-    let mut pipeline = Pipeline::new(&setup, &PipelineConfig::default()).expect("a pipeline");
+    let unpacked = UnpackedSetup::load(log.header()).expect("the log's own setup");
+    let mut pipeline =
+        Pipeline::new(&unpacked.setup, &PipelineConfig::default()).expect("a pipeline");
     verify(log, |sample| pipeline.process_sample(sample)).expect("a verdict")
 }
 

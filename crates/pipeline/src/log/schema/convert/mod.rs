@@ -29,6 +29,7 @@ pub(crate) use team::team_to_wire;
 use super::wire;
 use crate::cycle::{Cycle, Inputs, Timings};
 use crate::sample::GroundTruth;
+use crate::warm_start::WarmStart;
 
 /// Converts a cycle to its message. `image`: format of its message on /camera/image.
 pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cycle {
@@ -54,6 +55,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         image: _,
         exposure_setting: setting,
         changed_config_toml: settings,
+        warm_start,
     } = inputs;
     wire::Cycle {
         index,
@@ -77,6 +79,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         reported_exposure: setting.map(|setting| setting.exposure),
         reported_gain: setting.map(|setting| setting.gain),
         settings: settings.as_ref().map(|settings| settings.to_string()),
+        warm_start: warm_start.as_ref().map(WarmStart::to_toml),
     }
 }
 
@@ -123,6 +126,11 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
             image: None,
             exposure_setting: sensors::camera_setting(cycle.reported_exposure, cycle.reported_gain),
             changed_config_toml: cycle.settings.map(Into::into),
+            warm_start: cycle
+                .warm_start
+                .as_deref()
+                .map(WarmStart::from_toml)
+                .transpose()?,
         },
         detections: cycle.seen.map(detections_from_wire).transpose()?,
         line_points: line_points_from_wire(cycle.points)?,
