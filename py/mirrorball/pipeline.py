@@ -83,11 +83,12 @@ class Localizer(_Sensors):
 
     `field`: a `Field`, or the path of a field.toml. `config`: settings as in `Pipeline`.
 
-    >>> from mirrorball import Localizer, Field
-    >>> loc = Localizer(field=Field())
-    >>> loc.odometry(0.03, [0.01, 0.0, 0.0])
-    >>> loc.points(0.03, [[1.0, 2.0], [1.5, 2.0]]).mode
-    'lost'
+    Examples:
+        >>> from mirrorball import Localizer, Field
+        >>> loc = Localizer(field=Field())
+        >>> loc.odometry(0.03, [0.01, 0.0, 0.0])
+        >>> loc.points(0.03, [[1.0, 2.0], [1.5, 2.0]]).mode
+        'lost'
     """
 
     def __init__(self, *, field: Field | str | PathLike[str], config: Config | None = None, preset: str = "default") -> None:

@@ -156,12 +156,13 @@ class Simulation:
     `change`: values in place of the scenario's, by dotted key. `images=False` renders none: much faster, with truth at the
     camera's rate. Equal seeds and commands give equal samples.
 
-    >>> simulation = Simulation("config/scenarios/tracks_18x12.toml", seed=1)  # doctest: +SKIP
-    >>> pipeline = simulation.pipeline()  # doctest: +SKIP
-    >>> for sample in simulation:  # doctest: +SKIP
-    ...     if cycle := pipeline.process(sample):
-    ...         simulation.apply_camera_command(cycle)
-    ...         print(cycle.pose)
+    Examples:
+        >>> simulation = Simulation("config/scenarios/tracks_18x12.toml", seed=1)  # doctest: +SKIP
+        >>> pipeline = simulation.pipeline()  # doctest: +SKIP
+        >>> for sample in simulation:  # doctest: +SKIP
+        ...     if cycle := pipeline.process(sample):
+        ...         simulation.apply_camera_command(cycle)
+        ...         print(cycle.pose)
     """
 
     def __init__(

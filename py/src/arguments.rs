@@ -10,9 +10,12 @@ use pipeline::PipelineConfig;
 use pipeline::config::apply_overlay;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyMapping, PyString};
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyMapping, PyString, PyTuple};
 
 use crate::errors;
+
+/// Positional and keyword arguments that make an equal object, for pickle and copy.
+pub(crate) type Keywords<'py> = (Bound<'py, PyTuple>, Bound<'py, PyDict>);
 
 /// A preset overridden by `config`: values by dotted key, or the path of an overlay file.
 pub(crate) fn settings(

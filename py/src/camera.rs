@@ -9,6 +9,7 @@ use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
+use crate::arguments::Keywords;
 use crate::ground_map::GroundMap;
 
 /// The number that was written: 0.6, not the 0.600000024 that 32 bits make of it.
@@ -168,9 +169,6 @@ impl Camera {
         Ok((PyTuple::empty(py), keywords))
     }
 }
-
-/// Positional and keyword arguments that make an equal object.
-pub(crate) type Keywords<'py> = (Bound<'py, PyTuple>, Bound<'py, PyDict>);
 
 /// The camera as given, or as the map shows it.
 pub(crate) fn camera_or_from_map(

@@ -7,7 +7,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::camera::Keywords;
+use crate::arguments::Keywords;
 use crate::errors;
 
 /// Pixel → ground point in the robot frame, as calibration and tracing make it.

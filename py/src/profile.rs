@@ -6,7 +6,7 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::camera::Keywords;
+use crate::arguments::Keywords;
 use crate::errors;
 
 /// A mirror of revolution: height above the ground over radius, smooth between its samples.
