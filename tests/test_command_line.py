@@ -169,3 +169,16 @@ def test_cargo_run_starts_mirrorball_where_no_binary_is_named() -> None:
     programs = {binary["name"] for package in packages for binary in package["targets"] if binary["kind"] == ["bin"]}
     defaults = {package["default_run"] for package in packages if package["default_run"]}
     assert "mirrorball" in programs and defaults == {"mirrorball"}
+
+
+def test_report_lists_findings_and_compares_two_logs(game: Path, tmp_path: Path) -> None:
+    done = mirrorball("report", game, "--out", tmp_path / "one", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["frames"] == 60 and Path(result["page"]).is_file()
+    assert all({"kind", "start_s", "sentence"} <= set(row) for row in result["findings"])
+    done = mirrorball("report", game, game, "--out", tmp_path / "both")
+    assert done.returncode == 0, done.stderr
+    assert "difference 0.00 cm (95 %: 0.00 to 0.00 cm)" in done.stdout
+    done = mirrorball("report", tmp_path / "none.mcap", "--out", tmp_path / "none")
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and "none.mcap" in done.stderr

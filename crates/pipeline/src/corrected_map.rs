@@ -64,10 +64,12 @@ fn correct_points(map: &GroundMap, correction: &MapCorrection) -> GroundMap {
 
 /// Writes the corrected ground map (npz).
 pub fn save(setup: &Setup, pipeline: &Pipeline, path: &Path) -> Result<()> {
-    let map = match pipeline.map_correction() {
-        Some(correction) => corrected_map(setup, correction)?,
-        None => bail!("no map to save: localize.map_correction.enabled is false"),
+    if setup.camera.is_none() {
+        bail!("no map to save: robot.toml has no [camera]");
+    }
+    let Some(correction) = pipeline.map_correction() else {
+        bail!("no map to save: localize.map_correction.enabled is false");
     };
-    let map = map.context("no map to save: robot.toml has no [camera]")?;
+    let map = corrected_map(setup, correction)?.context("no map to save")?;
     Ok(map.save(path)?)
 }

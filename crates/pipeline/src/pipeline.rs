@@ -121,8 +121,10 @@ impl Pipeline {
             detector.set_colour_table(colours.clone());
         }
         let basis = map_basis(setup, &localize)?;
+        let origin_std = setup.map_origin_std(localize.map_correction.origin_std);
         let (mut localizer, notice) = build_localizer(setup, localize);
         localizer.set_map_basis(basis);
+        localizer.set_map_origin_std(origin_std);
         Ok(Pipeline {
             vision: detector,
             image_check,
@@ -154,6 +156,11 @@ impl Pipeline {
     pub fn scan_coverage(&self) -> Option<(usize, f32)> {
         let pattern = self.vision.as_ref()?.scan_pattern();
         Some((pattern.pixel_count, pattern.coverage))
+    }
+
+    /// Starts from a known pose.
+    pub fn set_pose(&mut self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) {
+        self.localizer.set_pose(stamp, pose, covariance);
     }
 
     /// Takes over the pose and the pending inputs of another pipeline, so that settings can change while the robot drives.

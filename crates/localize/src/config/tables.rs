@@ -55,6 +55,7 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
         "height of a mirror above the ground, metres",
     ),
     // Map correction.
+    bound("map_correction.origin_std", 0.0, 0.2, STD),
     bound("map_correction.mirror_tilt_std_deg", 0.0, 5.0, ANGLE_STD),
     bound("map_correction.mirror_offset_std", 0.0, 0.05, STD),
     bound("map_correction.focal_std", 0.0, 0.2, STD),

@@ -6,8 +6,8 @@ use crate::field::goal_colours::ColouredGoals;
 use crate::filter::{FilterConfig, PoseFilter, TiltPrior};
 use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, Hypothesis, half_turn};
-use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::matching::{MatchStart, Matcher};
 use crate::math;
 use crate::sample::{GoalObservation, LinePoint};
 
@@ -181,7 +181,7 @@ impl Candidate {
             measurements.distances,
             measurements.points,
             self.filter.pose_prior(tilt_prior),
-            start_error,
+            MatchStart::new(start_error),
         );
         self.filter.update(&matched, tilt_prior, config);
         self.log_weight -= measurements.likelihood_exponent

@@ -16,11 +16,12 @@ const KNOCK_INFLATION: f32 = 9.0;
 const LOST_IMAGES_MAX: u32 = 15;
 
 impl Localizer {
-    /// Sets the possible errors of the camera's ground map, and forgets what was learned. None: smooth errors, for line
-    /// points of another vision system. Without effect if `map_correction.enabled` is false.
+    /// Sets the possible errors of the camera's ground map, and forgets what was learned. None: line points of another
+    /// vision system, whose errors are smooth and learned if `map_correction.points_without_map` is true. Without effect if
+    /// `map_correction.enabled` is false.
     pub fn set_map_basis(&mut self, basis: Option<MapBasis>) {
         let config = &self.config.map_correction;
-        if !config.enabled {
+        if !config.enabled || (basis.is_none() && !config.points_without_map) {
             self.map_correction = None;
             return;
         }
@@ -29,6 +30,11 @@ impl Localizer {
             MapBasis::new(terms, self.config.matching.viewpoint_height)
         });
         self.map_correction = Some(Box::new(MapCorrection::new(basis, config.clone())));
+    }
+
+    /// Sets the standard deviation of the map's origin from the robot's centre, per axis, metres. 0 at first.
+    pub fn set_map_origin_std(&mut self, std: f32) {
+        self.map_origin_std = std;
     }
 
     /// The correction of the ground map. None if it is switched off.
@@ -148,11 +154,22 @@ impl Localizer {
 
     /// Adds what the map's uncertainty means for the pose, and the estimate of the map.
     pub(super) fn add_map_uncertainty(&self, estimate: &mut Estimate) {
+        let located = estimate.mode != Mode::Lost;
+        let mut origin_std = self.map_origin_std;
         if let Some(map) = &self.map_correction {
-            if estimate.mode != Mode::Lost {
+            if located {
                 estimate.covariance += map.pose_covariance();
             }
+            if map.is_in_use() {
+                origin_std = origin_std.max(map.config().origin_std);
+            }
             estimate.map_correction = Some(map.estimate());
+        }
+        if located {
+            // Constant in the robot's frame, whatever it does: a parameter that no measurement tells.
+            for k in 0..2 {
+                estimate.covariance[(k, k)] += origin_std * origin_std;
+            }
         }
     }
 }

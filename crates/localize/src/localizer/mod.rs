@@ -125,6 +125,8 @@ pub struct Localizer {
     fit_monitor: FitMonitor,
     /// None: the map counts as exact.
     map_correction: Option<Box<MapCorrection>>,
+    /// Standard deviation of the map's origin from the robot's centre, per axis, metres.
+    map_origin_std: f32,
     /// Consecutive images that fit nowhere on the field.
     lost_images: u32,
 }
@@ -180,6 +182,7 @@ impl Localizer {
         let heading_variance = std::f32::consts::PI * std::f32::consts::PI / 3.0;
         let mut localizer = Localizer {
             map_correction: None,
+            map_origin_std: 0.0,
             lost_images: 0,
             matcher: Matcher::new(config.matching.clone()),
             distance_field: distances,
@@ -318,6 +321,7 @@ impl Localizer {
             ..self.predict_estimate_to(stamp, estimate)
         };
         self.add_repeated_errors(&mut estimate);
+        self.refer_to_viewpoint(&mut estimate);
         if self
             .fit_monitor
             .is_doubtful(self.config.mode.inlier_share_min)

@@ -8,6 +8,7 @@ use super::match_figures::MatchFigures;
 use super::state::PoseTrack;
 use crate::estimate::{Estimate, Fit, Mode, Reason};
 use crate::filter::PoseFilter;
+use crate::frames::Pose;
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::math;
 use crate::stamp::Stamp;
@@ -57,6 +58,26 @@ impl Localizer {
         !self.search.is_half_turn_symmetric()
             || track.half_evidence.log_odds_with_withheld()
                 >= self.config.compass.half_known_log_odds
+    }
+
+    /// Without wheels and inertial unit nothing says about which point the robot tilts. The pose then is that of the
+    /// ground point below the viewpoint, which images measure whatever the tilt is (docs/methods.md 3.1).
+    pub(super) fn refer_to_viewpoint(&self, estimate: &mut Estimate) {
+        let moves = self.last_odometry.is_some()
+            || self
+                .motion_inputs
+                .imu_active(estimate.stamp, &self.config.attitude);
+        let Some(pose) = estimate.pose.filter(|_| !moves) else {
+            return;
+        };
+        let height = self.config.matching.viewpoint_height;
+        let [x, y] = estimate.tilt.map(|tilt| -tilt * height);
+        let (sin, cos) = math::sin_cos(pose.theta);
+        estimate.pose = Some(Pose::new(
+            pose.x + cos * x - sin * y,
+            pose.y + sin * x + cos * y,
+            pose.theta,
+        ));
     }
 
     /// Estimate of the tracked pose, or of a lost one.

@@ -15,7 +15,7 @@ use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::global_search::heading_histogram::histogram_heading;
 use crate::global_search::scan_map::CellMatch;
-use crate::matching::{Match, PosePrior};
+use crate::matching::{Match, MatchStart, PosePrior};
 use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
@@ -203,9 +203,10 @@ impl Localizer {
         let prior = filter.pose_prior(self.tilt_prior);
         let start_error =
             filter.position_std() + TYPICAL_RANGE * filter.heading_std() + self.tilt_displacement();
+        let start = MatchStart::new(start_error);
         let mut matched =
             self.matcher
-                .refine_with_prior(&self.distance_field, points, prior, start_error);
+                .refine_with_prior(&self.distance_field, points, prior, start);
         // With a map that is still being learned, the map may be the reason.
         if self.map_correction.is_none()
             && matched.repetition_ratio > 1.0
@@ -213,19 +214,20 @@ impl Localizer {
                 .single_image_innovation_squared(&matched)
                 .is_some_and(|squared| squared > REPEATED_INNOVATION_MAX)
         {
-            matched = self.matcher.refine_as_single_image(
-                &self.distance_field,
-                points,
-                prior,
-                start_error,
-            );
+            let start = MatchStart {
+                is_single_image: true,
+                ..start
+            };
+            matched = self
+                .matcher
+                .refine_with_prior(&self.distance_field, points, prior, start);
         }
         let normalized_innovation_max = self.config.mode.normalized_innovation_max;
         let is_consistent = |filter: &PoseFilter, matched: &Match| {
             filter.normalized_innovation_squared(matched) <= normalized_innovation_max
         };
         if !is_consistent(filter, &matched) || self.is_poor_match(matched.inlier_share) {
-            matched = self.match_tilted(points, prior, start_error, matched);
+            matched = self.match_tilted(points, prior, start, matched);
         }
         let consistent = is_consistent(filter, &matched);
         let poor = self.is_poor_match(matched.inlier_share);
@@ -255,9 +257,9 @@ impl Localizer {
         filter.learn_noise(&matched, self.tilt_prior);
         filter.inflate_covariance(filter.normalized_innovation_squared(&matched));
         let prior = filter.pose_prior(self.tilt_prior);
-        let matched =
-            self.matcher
-                .refine_with_prior(&self.distance_field, points, prior, start_error);
+        let matched = self
+            .matcher
+            .refine_with_prior(&self.distance_field, points, prior, start);
         TrackedMatch::new(matched, Agreement::Inflated)
     }
 
@@ -266,7 +268,7 @@ impl Localizer {
         &mut self,
         points: &[LinePoint],
         prior: PosePrior,
-        start_error: f32,
+        start: MatchStart,
         upright: Match,
     ) -> Match {
         let size = TILTED_START_SIGMAS * self.matcher.tilt_std();
@@ -278,13 +280,10 @@ impl Localizer {
         for k in 0..TILTED_STARTS {
             let angle = std::f32::consts::TAU * k as f32 / TILTED_STARTS as f32;
             let tilt = [size * math::cos(angle), size * math::sin(angle)];
-            let matched = self.matcher.refine_from_tilt(
-                &self.distance_field,
-                points,
-                prior,
-                tilt,
-                start_error,
-            );
+            let start = MatchStart { tilt, ..start };
+            let matched =
+                self.matcher
+                    .refine_with_prior(&self.distance_field, points, prior, start);
             if objective(&matched) < objective(&best) {
                 best = matched;
             }

@@ -7,9 +7,15 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MapCorrectionConfig {
-    /// Learns the errors of the map while the robot drives. False takes the map for exact. Off by default: its stated
-    /// uncertainty is too small while it learns (docs/calibration.md).
+    /// Learns the errors of the camera's map while the robot drives. False takes the map as it is.
     pub enabled: bool,
+    /// Learns smooth errors of line points that come without a map, too. Points of a short range then carry errors that
+    /// look like those of a map.
+    pub points_without_map: bool,
+    /// Standard deviation of the origin of a calibrated or corrected map from the robot's centre, per axis, metres: line
+    /// points cannot tell it. 6 mm is a rig tilted by 0.45° with its mirror at 0.75 m. `[map] origin_std` of robot.toml
+    /// replaces it.
+    pub origin_std: f32,
     /// Standard deviation of the mirror's tilt against the camera before anything was seen, per axis, degrees.
     pub mirror_tilt_std_deg: f32,
     /// Standard deviation of the offset of the mirror's axis from the camera's, per axis, metres.
@@ -38,7 +44,9 @@ pub struct MapCorrectionConfig {
 impl Default for MapCorrectionConfig {
     fn default() -> Self {
         MapCorrectionConfig {
-            enabled: false,
+            enabled: true,
+            points_without_map: false,
+            origin_std: 0.006,
             mirror_tilt_std_deg: 0.3,
             mirror_offset_std: 0.001,
             focal_std: 0.01,

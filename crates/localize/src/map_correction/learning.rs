@@ -93,8 +93,7 @@ impl MapCorrection {
             covariance[(k, k)] = 1.0;
         }
         let distance = step.dot(&covariance.cholesky()?.solve(&step));
-        let in_use = self.applied != TermVector::zeros();
-        if !in_use && distance < WRONG_CHI_SQUARED {
+        if !self.is_in_use() && distance < WRONG_CHI_SQUARED {
             return None;
         }
         self.applied = self.coefficients;

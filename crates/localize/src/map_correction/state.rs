@@ -136,6 +136,11 @@ impl MapCorrection {
         self.covariance + step * step.transpose()
     }
 
+    /// Did the given map prove wrong, so that points are corrected?
+    pub fn is_in_use(&self) -> bool {
+        self.applied != TermVector::zeros()
+    }
+
     /// The fields of the unknowns.
     pub fn basis(&self) -> &MapBasis {
         &self.basis

@@ -109,6 +109,43 @@ impl DistanceField {
         }
     }
 
+    /// [`DistanceField::nearest`] of several places: signed distances, normals along x and along y.
+    #[inline]
+    pub(super) fn nearest_lanes<const N: usize>(
+        &self,
+        x: &[f32; N],
+        y: &[f32; N],
+    ) -> [[f32; N]; 3] {
+        let (last_column, last_row) = ((self.columns - 1) as f32, (self.rows - 1) as f32);
+        let [mut column, mut row] = [[0.0_f32; N]; 2];
+        let mut index = [0_i32; N];
+        for k in 0..N {
+            // NaN maps to 0, as in `nearest`.
+            column[k] = ((x[k] - self.x0) * self.cells_per_metre + 0.5)
+                .max(0.0)
+                .min(last_column)
+                .trunc();
+            row[k] = ((y[k] - self.y0) * self.cells_per_metre + 0.5)
+                .max(0.0)
+                .min(last_row)
+                .trunc();
+            index[k] = row[k] as i32 * self.columns as i32 + column[k] as i32;
+        }
+        let [mut distance, mut normal_x, mut normal_y] = [[0.0; N]; 3];
+        for k in 0..N {
+            let cell = self.cells[index[k] as usize];
+            distance[k] = cell.signed_distance;
+            normal_x[k] = cell.normal_x;
+            normal_y[k] = cell.normal_y;
+        }
+        for k in 0..N {
+            let dx = x[k] - (self.x0 + column[k] * self.cell);
+            let dy = y[k] - (self.y0 + row[k] * self.cell);
+            distance[k] = distance[k] + normal_x[k] * dx + normal_y[k] * dy;
+        }
+        [distance, normal_x, normal_y]
+    }
+
     /// Memory held, bytes.
     pub fn memory_bytes(&self) -> usize {
         self.cells.len() * size_of::<Cell>()

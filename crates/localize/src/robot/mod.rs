@@ -79,6 +79,10 @@ pub struct MirrorConfig {
 pub struct MapConfig {
     /// npz of x_m, y_m.
     pub file: PathBuf,
+    /// Standard deviation of its origin from the robot's centre, per axis, metres. Without it
+    /// `localize.map_correction.origin_std` holds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub origin_std: Option<f32>,
 }
 
 /// `[base]`: three or four omnidirectional wheels on a circle (docs/methods.md 7.1).
@@ -286,6 +290,9 @@ impl RobotConfig {
             ] {
                 check_positive(key, value.unwrap_or(1.0))?;
             }
+        }
+        if let Some(origin_std) = self.map.as_ref().and_then(|map| map.origin_std) {
+            check_not_negative("map.origin_std", origin_std)?;
         }
         if let Some(exposure) = &self.exposure {
             exposure.check()?;

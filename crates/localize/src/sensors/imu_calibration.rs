@@ -6,6 +6,7 @@
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Unit, Vector2, Vector3};
 
+use super::attitude;
 use crate::math;
 use crate::robot::ImuCalibration;
 use crate::sample::{Imu, Odometry};
@@ -50,7 +51,7 @@ pub enum ImuFitError {
     Gravity(f32),
 }
 
-const GRAVITY: f64 = 9.806_65;
+const GRAVITY: f64 = attitude::GRAVITY as f64;
 const REST_MIN: f32 = 2.0;
 const YAW_STD_MAX_DEG: f32 = 2.0;
 /// Speeds of the wheels below which the robot rests: m/s and rad/s.

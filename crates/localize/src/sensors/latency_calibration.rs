@@ -4,7 +4,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::wheel_calibration::{DriveFitError, VisionPose};
+use super::pose_pairs::{VisionPose, pose_pairs};
+use super::wheel_calibration::DriveFitError;
 use crate::frames::wrap_angle;
 use crate::sample::Imu;
 
@@ -102,28 +103,21 @@ pub fn fit_latency(imu: &[Imu], poses: &[VisionPose]) -> Result<LatencyFit, Driv
 }
 
 fn pieces(angle: &TurnedAngle, poses: &[VisionPose]) -> Vec<Piece> {
-    let mut pieces = Vec::new();
-    let mut first = 0;
-    while let Some(from) = poses.get(first) {
-        let next = poses[first..]
-            .iter()
-            .position(|pose| pose.stamp - from.stamp >= PIECE);
-        let Some(offset) = next else { break };
-        first += offset;
-        let to = &poses[first];
-        let (start, end) = (from.stamp.seconds(), to.stamp.seconds());
-        if end - start > 1.5 * PIECE || !angle.covers(start - LATENCY_MAX, end + LATENCY_MAX) {
-            continue;
-        }
-        let variance = f64::from(from.covariance[(2, 2)] + to.covariance[(2, 2)]);
-        pieces.push(Piece {
-            from: start,
-            to: end,
-            turned: f64::from(wrap_angle(to.pose.theta - from.pose.theta)),
-            std: (variance + HEADING_STD_MIN * HEADING_STD_MIN).sqrt(),
-        });
-    }
-    pieces
+    pose_pairs(poses, PIECE)
+        .filter_map(|(from, to)| {
+            let (start, end) = (from.stamp.seconds(), to.stamp.seconds());
+            if !angle.covers(start - LATENCY_MAX, end + LATENCY_MAX) {
+                return None;
+            }
+            let variance = f64::from(from.covariance[(2, 2)] + to.covariance[(2, 2)]);
+            Some(Piece {
+                from: start,
+                to: end,
+                turned: f64::from(wrap_angle(to.pose.theta - from.pose.theta)),
+                std: (variance + HEADING_STD_MIN * HEADING_STD_MIN).sqrt(),
+            })
+        })
+        .collect()
 }
 
 impl TurnedAngle {

@@ -5,4 +5,5 @@ pub mod collision;
 pub mod compass_calibration;
 pub mod imu_calibration;
 pub mod latency_calibration;
+pub mod pose_pairs;
 pub mod wheel_calibration;

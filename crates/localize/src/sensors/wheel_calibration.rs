@@ -5,22 +5,11 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
-use crate::frames::{Pose, wrap_angle};
+use super::pose_pairs::{VisionPose, pose_pairs};
+use crate::frames::wrap_angle;
 use crate::math;
 use crate::robot::BaseConfig;
 use crate::sample::Odometry;
-use crate::stamp::Stamp;
-
-/// A pose by the line points of one image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct VisionPose {
-    /// Stamp of the image.
-    pub stamp: Stamp,
-    /// Pose on the field.
-    pub pose: Pose,
-    /// Of (x, y, θ), metres and radians.
-    pub covariance: Matrix3<f32>,
-}
 
 /// Result of the fit, with standard deviations.
 #[derive(Debug, Clone, PartialEq)]
@@ -301,24 +290,13 @@ impl<'a> WheelTrack<'a> {
     }
 
     fn pieces(&self, poses: &[VisionPose]) -> Vec<Piece> {
-        let mut pieces = Vec::new();
-        let mut first = 0;
-        while let Some(from) = poses.get(first) {
-            let next = poses[first..]
-                .iter()
-                .position(|pose| pose.stamp - from.stamp >= PIECE);
-            let Some(offset) = next else { break };
-            let to = &poses[first + offset];
-            let is_covered = self.covers(
-                from.stamp.seconds() - LATENCY_MAX,
-                to.stamp.seconds() + LATENCY_MAX,
-            );
-            if to.stamp - from.stamp < 1.5 * PIECE && is_covered {
-                pieces.extend(self.piece(from, to));
-            }
-            first += offset;
-        }
-        pieces
+        pose_pairs(poses, PIECE)
+            .filter(|(from, to)| {
+                let (start, end) = (from.stamp.seconds(), to.stamp.seconds());
+                self.covers(start - LATENCY_MAX, end + LATENCY_MAX)
+            })
+            .filter_map(|(from, to)| self.piece(from, to))
+            .collect()
     }
 
     /// True if samples without gaps span the interval.

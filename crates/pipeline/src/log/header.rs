@@ -127,8 +127,10 @@ impl Header {
         if let Some(map) = map {
             header = header.with_file("map.npz", map.to_npz().context("cannot pack the map")?);
         }
+        let origin_std = robot.map.as_ref().and_then(|map| map.origin_std);
         stored.map = map.map(|_| MapConfig {
             file: "map.npz".into(),
+            origin_std,
         });
         if let Some(mask) = &mut stored.mask {
             header = header.with_file("mask.png", read(mask)?);

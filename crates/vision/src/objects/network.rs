@@ -75,7 +75,8 @@ impl Weights {
 #[inline(always)]
 fn accumulate<const N: usize>(sums: &mut [f32; N], input: f32, weights: &[f32; N]) {
     for (sum, weight) in sums.iter_mut().zip(weights) {
-        *sum += input * weight;
+        // One rounding: exact on every processor, and a single instruction on those of robots.
+        *sum = input.mul_add(*weight, *sum);
     }
 }
 
@@ -151,60 +152,79 @@ impl<const OUT: usize> PatchNetwork<OUT> {
 
     /// Outputs before the logistic function.
     pub(crate) fn evaluate(&self, patch: &[f32; CHANNELS * SAMPLES]) -> [f32; OUT] {
-        let mut first = [[0.0; CONV1]; SIDE1 * SIDE1];
-        for (place, sums) in first.iter_mut().enumerate() {
-            let (row, column) = (2 * (place / SIDE1), 2 * (place % SIDE1));
-            let mut values = self.conv1_bias;
-            for channel in 0..CHANNELS {
-                let plane = &patch[channel * SAMPLES..(channel + 1) * SAMPLES];
-                kernel_places::<SIDE>(row, column, |kernel, at| {
-                    accumulate(
-                        &mut values,
-                        plane[at],
-                        &self.conv1[channel * KERNEL + kernel],
-                    );
-                });
+        let first = self.convolve_first(patch);
+        let flat = self.convolve_second(&first);
+        let mut dense = [[0.0; DENSE]; LANES];
+        let (inputs, _) = flat.as_flattened().as_chunks::<LANES>();
+        let (rows, _) = self.dense.as_chunks::<LANES>();
+        for (inputs, rows) in inputs.iter().zip(rows) {
+            for ((sums, &input), weights) in dense.iter_mut().zip(inputs).zip(rows) {
+                accumulate(sums, input, weights);
             }
-            *sums = rectify(values);
         }
-        let mut flat = [[0.0; CONV2]; SIDE2 * SIDE2];
-        for (place, sums) in flat.iter_mut().enumerate() {
-            let (row, column) = (2 * (place / SIDE2), 2 * (place % SIDE2));
-            let mut values = self.conv2_bias;
-            kernel_places::<SIDE1>(row, column, |kernel, at| {
-                for (channel, &input) in first[at].iter().enumerate() {
-                    accumulate(&mut values, input, &self.conv2[channel * KERNEL + kernel]);
-                }
-            });
-            *sums = rectify(values);
-        }
-        let mut dense = self.dense_bias;
-        for (&input, weights) in flat.as_flattened().iter().zip(&self.dense) {
-            accumulate(&mut dense, input, weights);
+        let mut sums = self.dense_bias;
+        for dense in &dense {
+            accumulate(&mut sums, 1.0, dense);
         }
         let mut output = self.output_bias;
-        for (input, weights) in rectify(dense).into_iter().zip(&self.output) {
+        for (input, weights) in rectify(sums).into_iter().zip(&self.output) {
             accumulate(&mut output, input, weights);
         }
         output
     }
-}
 
-/// Kernel positions inside a square image of this side around a centre: number in the kernel, index in the image.
-#[inline(always)]
-fn kernel_places<const EXTENT: usize>(
-    row: usize,
-    column: usize,
-    mut visit: impl FnMut(usize, usize),
-) {
-    for kernel in 0..KERNEL {
-        // One is subtracted after the check, since positions are unsigned.
-        let (row, column) = (row + kernel / 3, column + kernel % 3);
-        if (1..=EXTENT).contains(&row) && (1..=EXTENT).contains(&column) {
-            visit(kernel, (row - 1) * EXTENT + column - 1);
+    /// First convolution, with a border of zeros before its rows and columns.
+    ///
+    /// A row of places at a time: additions to one sum wait for each other, those of six places do not.
+    fn convolve_first(&self, patch: &[f32; CHANNELS * SAMPLES]) -> Framed<CONV1> {
+        let mut planes = [[[0.0; SIDE + 1]; SIDE + 1]; CHANNELS];
+        for (plane, values) in planes.iter_mut().zip(patch.as_chunks::<SAMPLES>().0) {
+            let rows = values.as_chunks::<SIDE>().0;
+            for (framed, row) in plane[1..].iter_mut().zip(rows) {
+                framed[1..].copy_from_slice(row);
+            }
         }
+        let mut out = [[[0.0; CONV1]; SIDE1 + 1]; SIDE1 + 1];
+        for (row, out) in out[1..].iter_mut().enumerate() {
+            let mut sums = [self.conv1_bias; SIDE1];
+            for (plane, weights) in planes.iter().zip(self.conv1.as_chunks::<KERNEL>().0) {
+                for (kernel, weights) in weights.iter().enumerate() {
+                    let inputs = &plane[2 * row + kernel / 3];
+                    for (column, sums) in sums.iter_mut().enumerate() {
+                        accumulate(sums, inputs[2 * column + kernel % 3], weights);
+                    }
+                }
+            }
+            for (out, sums) in out[1..].iter_mut().zip(sums) {
+                *out = rectify(sums);
+            }
+        }
+        out
+    }
+
+    /// Second convolution.
+    fn convolve_second(&self, first: &Framed<CONV1>) -> [[f32; CONV2]; SIDE2 * SIDE2] {
+        let mut flat = [[0.0; CONV2]; SIDE2 * SIDE2];
+        for (row, out) in flat.as_chunks_mut::<SIDE2>().0.iter_mut().enumerate() {
+            let mut sums = [self.conv2_bias; SIDE2];
+            for kernel in 0..KERNEL {
+                let inputs = &first[2 * row + kernel / 3];
+                for channel in 0..CONV1 {
+                    let weights = &self.conv2[channel * KERNEL + kernel];
+                    for (column, sums) in sums.iter_mut().enumerate() {
+                        let input = inputs[2 * column + kernel % 3][channel];
+                        accumulate(sums, input, weights);
+                    }
+                }
+            }
+            *out = sums.map(rectify);
+        }
+        flat
     }
 }
+
+/// Outputs of the first convolution behind a border of zeros.
+type Framed<const UNITS: usize> = [[[f32; UNITS]; SIDE1 + 1]; SIDE1 + 1];
 
 /// Probability of log odds.
 pub(crate) fn logistic(log_odds: f32) -> f32 {
@@ -264,6 +284,25 @@ mod tests {
         assert!(line < 0.2, "line: {line}");
         let plain = probability(|_, _| carpet);
         assert!(plain < 0.2, "carpet: {plain}");
+    }
+
+    /// Input that `reference_outputs` of py/training/networks.py takes.
+    fn reference_input<const N: usize>() -> [f32; N] {
+        std::array::from_fn(|index| ((index * 37 % 101) as f64 / 50.0 - 1.0) as f32)
+    }
+
+    #[test]
+    fn inference_gives_what_training_computed() {
+        let mut outputs = vec![NETWORKS.ball_coarse.log_odds(&reference_input())];
+        outputs.extend(NETWORKS.ball.evaluate(&reference_input()));
+        outputs.push(NETWORKS.obstacle_coarse.log_odds(&reference_input()));
+        outputs.extend(NETWORKS.obstacle.evaluate(&reference_input()));
+        let expected = include_str!("objects.reference").lines();
+        let expected: Vec<f32> = expected.map(|line| line.parse().unwrap()).collect();
+        assert_eq!(outputs.len(), expected.len());
+        for (output, expected) in outputs.iter().zip(&expected) {
+            assert!((output - expected).abs() < 1e-3, "{outputs:?} {expected}");
+        }
     }
 
     #[test]

@@ -13,8 +13,8 @@ use crate::image::ImageView;
 use crate::objects::network::{NETWORKS, softmax};
 use crate::objects::own_parts::OwnParts;
 use crate::objects::patch::{
-    CoarsePixels, PatchFrame, PatchKind, coarse_pixels, logarithm, normalize_coarse_patch,
-    normalize_patch, obstacle_row_step, read_coarse_patch, read_patch,
+    COARSE_SAMPLES, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, logarithms,
+    normalize_coarse_patch, normalize_patch, obstacle_row_step, read_coarse_patch, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
@@ -50,7 +50,6 @@ struct FootPlace {
     below: [[u16; 2]; 2],
     above: [[u16; 2]; 2],
     beyond_line: [u16; 2],
-    coarse: CoarsePixels,
 }
 
 /// Places of one distance.
@@ -65,6 +64,8 @@ struct GridRow {
 pub(crate) struct ObstacleGrid {
     /// Row by row outward, evenly around the axis; None outside the image.
     places: Vec<Option<FootPlace>>,
+    /// Pixels of each place's coarse patch; apart, since few places come so far.
+    coarse: Vec<CoarsePixels>,
     rows: Vec<GridRow>,
     angles: ViewAngles,
     own_parts: OwnParts,
@@ -119,7 +120,6 @@ impl ObstacleGrid {
                 if !is_visible(usize::from(foot[0]), usize::from(foot[1])) {
                     return None;
                 }
-                let frame = PatchFrame::obstacle(range, azimuth, angles.height);
                 let above = [at(EDGE_ROWS[0])?, at(EDGE_ROWS[1])?];
                 Some(FootPlace {
                     range,
@@ -128,13 +128,19 @@ impl ObstacleGrid {
                     above,
                     // Outside the image nothing contradicts.
                     beyond_line: at(BEYOND_LINE_ROW).unwrap_or(above[1]),
-                    coarse: coarse_pixels(angles, &frame, size_px),
                 })
             }));
             view_angle += STEP_ALONG / math::hypot(range, angles.height);
         }
+        let coarse = |place: &Option<FootPlace>| {
+            place.map_or([[0; 2]; COARSE_SAMPLES], |place| {
+                let frame = PatchFrame::obstacle(place.range, place.azimuth, angles.height);
+                coarse_pixels(angles, &frame, size_px)
+            })
+        };
         ObstacleGrid {
             own_parts: OwnParts::new(places.len()),
+            coarse: places.iter().map(coarse).collect(),
             places,
             rows,
             angles: angles.clone(),
@@ -147,15 +153,12 @@ impl ObstacleGrid {
         image: &ImageView<'_>,
         table: &ColourLookupTable,
     ) -> Vec<ObstacleCandidate> {
-        let mut edges: Vec<f32> = self
-            .places
-            .iter()
-            .map(|place| {
-                place
-                    .as_ref()
-                    .map_or(0.0, |place| edge_step(image, table, place))
-            })
-            .collect();
+        let logarithms = logarithms();
+        let edge = |place: &Option<FootPlace>| {
+            let place = place.as_ref();
+            place.map_or(0.0, |place| edge_step(image, table, logarithms, place))
+        };
+        let mut edges: Vec<f32> = self.places.iter().map(edge).collect();
         self.own_parts
             .add_image(edges.iter().map(|&edge| edge > 0.0));
         for (place, edge) in edges.iter_mut().enumerate() {
@@ -187,7 +190,7 @@ impl ObstacleGrid {
                 {
                     continue;
                 }
-                let colours = read_coarse_patch(image, &place.coarse);
+                let colours = read_coarse_patch(image, &self.coarse[index]);
                 let log_odds = NETWORKS
                     .obstacle_coarse
                     .log_odds(&normalize_coarse_patch(PatchKind::Obstacle, &colours));
@@ -292,28 +295,36 @@ impl ObstacleGrid {
 }
 
 /// Step of the logarithmic colours across an edge above carpet; 0 if there is none or it is a line's.
-fn edge_step(image: &ImageView<'_>, table: &ColourLookupTable, place: &FootPlace) -> f32 {
+#[inline]
+fn edge_step(
+    image: &ImageView<'_>,
+    table: &ColourLookupTable,
+    logarithms: &[f32; 256],
+    place: &FootPlace,
+) -> f32 {
     let is_carpet = |[u, v]: [u16; 2]| {
         let native = image.native_channels(usize::from(u), usize::from(v));
         table.class(native) == ColourClass::CARPET
     };
-    let logs = |[u, v]: [u16; 2]| image.rgb(usize::from(u), usize::from(v)).map(logarithm);
-    let mean = |[a, b]: [[u16; 2]; 2]| {
-        let (a, b) = (logs(a), logs(b));
-        std::array::from_fn(|channel| (a[channel] + b[channel]) / 2.0)
+    let logs = |[u, v]: [u16; 2]| {
+        let rgb = image.rgb(usize::from(u), usize::from(v));
+        rgb.map(|level| logarithms[usize::from(level)])
     };
+    let mean = |a: [f32; 3], b: [f32; 3]| [0, 1, 2].map(|channel| (a[channel] + b[channel]) / 2.0);
     let step = |a: [f32; 3], b: [f32; 3]| {
         ((a[0] - b[0]).abs() + (a[1] - b[1]).abs() + (a[2] - b[2]).abs()) / 3.0
     };
     // Most places are plain: one pair of pixels shows it.
-    if step(logs(place.above[1]), logs(place.below[1])) < PLAIN_STEP_MAX
-        || !place.below.iter().any(|&pixel| is_carpet(pixel))
-    {
+    let (far_above, far_below) = (logs(place.above[1]), logs(place.below[1]));
+    if step(far_above, far_below) < PLAIN_STEP_MAX {
         return 0.0;
     }
-    let below = mean(place.below);
-    let edge = step(mean(place.above), below);
-    if edge < EDGE_STEP_MIN || step(logs(place.beyond_line), below) < BEYOND_LINE_STEP_MIN {
+    let below = mean(logs(place.below[0]), far_below);
+    let edge = step(mean(logs(place.above[0]), far_above), below);
+    if edge < EDGE_STEP_MIN
+        || step(logs(place.beyond_line), below) < BEYOND_LINE_STEP_MIN
+        || !place.below.iter().any(|&pixel| is_carpet(pixel))
+    {
         return 0.0;
     }
     edge

@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use localize::math;
 
-use crate::image::ImageView;
+use crate::image::{ImageView, PixelFormat};
 use crate::objects::view_angles::ViewAngles;
 
 /// Samples of a patch's side.
@@ -40,6 +40,11 @@ static LOGARITHMS: LazyLock<[f32; 256]> =
 /// Logarithm of a level, see `LOG_OFFSET`.
 pub(crate) fn logarithm(level: u8) -> f32 {
     LOGARITHMS[usize::from(level)]
+}
+
+/// Logarithm of each level, for loops that would look the table up for each pixel.
+pub(crate) fn logarithms() -> &'static [f32; 256] {
+    &LOGARITHMS
 }
 
 /// Where a patch lies.
@@ -187,31 +192,53 @@ pub(crate) fn coarse_pixels(
     pixels
 }
 
+/// Samples of a patch that show the floor before and beside a ball, and before an obstacle; of a coarse patch likewise.
+const BALL_FLOOR: [usize; 32] = [
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 35,
+    36, 47, 48, 59, 60, 71,
+];
+const OBSTACLE_FLOOR: [usize; FOOT_ROW as usize * SIDE] = {
+    let mut samples = [0; FOOT_ROW as usize * SIDE];
+    let mut index = 0;
+    while index < samples.len() {
+        samples[index] = index;
+        index += 1;
+    }
+    samples
+};
+const COARSE_FLOOR: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 11, 12, 17];
+const COARSE_OBSTACLE_FLOOR: [usize; 12] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11];
+/// Samples of a coarse patch nearest its origin.
+const COARSE_INNER: [usize; 4] = [14, 15, 20, 21];
+
 /// Pixels of the floor before a ball, inside the image.
-pub(crate) fn floor_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> + '_ {
-    let side = COARSE.len();
-    let is_floor =
-        move |index: usize| PatchKind::Ball.is_floor(COARSE[index / side], COARSE[index % side]);
-    let places = pixels.iter().enumerate();
-    places
-        .filter(move |&(index, &pixel)| is_floor(index) && pixel != OUTSIDE)
-        .map(|(_, &pixel)| pixel)
+pub(crate) fn floor_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> {
+    inside(COARSE_FLOOR.map(|index| pixels[index]))
 }
 
 /// Pixels of a coarse patch nearest its origin, inside the image.
 pub(crate) fn inner_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> {
-    let side = COARSE.len();
-    let middle = [side / 2 - 1, side / 2];
-    let places = middle.map(|row| middle.map(|column| pixels[row * side + column]));
-    let inside = |&pixel: &[u16; 2]| pixel != OUTSIDE;
-    places.into_iter().flatten().filter(inside)
+    inside(COARSE_INNER.map(|index| pixels[index]))
+}
+
+fn inside<const N: usize>(pixels: [[u16; 2]; N]) -> impl Iterator<Item = [u16; 2]> {
+    pixels.into_iter().filter(|&pixel| pixel != OUTSIDE)
 }
 
 /// Reads a coarse patch.
+#[inline]
 pub(crate) fn read_coarse_patch(
     image: &ImageView<'_>,
     pixels: &CoarsePixels,
 ) -> [Option<[u8; 3]>; COARSE_SAMPLES] {
+    if image.format == PixelFormat::Rgb8 {
+        // A pixel outside the image lies behind the end of the data, so one comparison suffices.
+        return pixels.map(|[u, v]| {
+            let start = usize::from(v) * image.stride + 3 * usize::from(u);
+            let bytes = image.data.get(start..start + 3)?;
+            Some([bytes[0], bytes[1], bytes[2]])
+        });
+    }
     pixels.map(|pixel| {
         let [u, v] = pixel.map(usize::from);
         (pixel != OUTSIDE).then(|| image.rgb(u, v))
@@ -243,23 +270,20 @@ pub(crate) enum PatchKind {
     Obstacle,
 }
 
-impl PatchKind {
-    /// True if a sample belongs to the floor before the candidate.
-    fn is_floor(self, row: usize, column: usize) -> bool {
-        match self {
-            PatchKind::Ball => row < 2 || row < SIDE / 2 && (column == 0 || column == SIDE - 1),
-            PatchKind::Obstacle => row < FOOT_ROW as usize,
-        }
-    }
-}
+/// Room for the floor's samples of a full and of a coarse patch: whole vector registers of bytes.
+const FLOOR_ROOM: usize = 64;
+const COARSE_FLOOR_ROOM: usize = 16;
 
 /// Input of a network: channel by channel, row by row.
 pub(crate) fn normalize_patch(
     kind: PatchKind,
     colours: &PatchColours,
 ) -> [f32; CHANNELS * SAMPLES] {
-    let floor = |index: usize| kind.is_floor(index / SIDE, index % SIDE);
-    normalize(kind, colours, floor)
+    let floor: &[usize] = match kind {
+        PatchKind::Ball => &BALL_FLOOR,
+        PatchKind::Obstacle => &OBSTACLE_FLOOR,
+    };
+    normalize::<SAMPLES, _, FLOOR_ROOM>(kind, colours, floor)
 }
 
 /// As [`normalize_patch`], for a coarse patch.
@@ -267,19 +291,20 @@ pub(crate) fn normalize_coarse_patch(
     kind: PatchKind,
     colours: &[Option<[u8; 3]>; COARSE_SAMPLES],
 ) -> [f32; CHANNELS * COARSE_SAMPLES] {
-    let side = COARSE.len();
-    let floor = |index: usize| kind.is_floor(COARSE[index / side], COARSE[index % side]);
-    normalize(kind, colours, floor)
+    let floor: &[usize] = match kind {
+        PatchKind::Ball => &COARSE_FLOOR,
+        PatchKind::Obstacle => &COARSE_OBSTACLE_FLOOR,
+    };
+    normalize::<COARSE_SAMPLES, _, COARSE_FLOOR_ROOM>(kind, colours, floor)
 }
 
-fn normalize<const N: usize, const M: usize>(
+#[inline(always)]
+fn normalize<const N: usize, const M: usize, const ROOM: usize>(
     kind: PatchKind,
     colours: &[Option<[u8; 3]>; N],
-    is_floor: impl Fn(usize) -> bool,
+    floor: &[usize],
 ) -> [f32; M] {
-    let logarithms = &*LOGARITHMS;
-    let mut floor = [[0u8; N]; 3];
-    let mut count = 0;
+    let logarithms = logarithms();
     // One array for each channel, so that the arithmetic below is vectorised.
     let mut logs = [[0.0f32; N]; 3];
     let mut known = [1.0f32; N];
@@ -291,14 +316,16 @@ fn normalize<const N: usize, const M: usize>(
         if kind == PatchKind::Obstacle && colour.is_none() {
             known[index] = 0.0;
         }
-        if is_floor(index) {
-            for channel in 0..3 {
-                floor[channel][count] = rgb[channel];
-            }
-            count += 1;
+    }
+    // Free places hold the largest level, which no median counts.
+    let mut levels = [[u8::MAX; ROOM]; 3];
+    for (place, &index) in floor.iter().enumerate() {
+        let rgb = colours[index].unwrap_or([0; 3]);
+        for channel in 0..3 {
+            levels[channel][place] = rgb[channel];
         }
     }
-    let reference = floor.map(|mut levels| median_logarithm(&mut levels[..count]));
+    let reference = levels.map(|levels| median_logarithm(&levels, floor.len()));
     let reference_range = range(reference);
     let mut input = [0.0; M];
     let [reds, greens, blues] = &logs;
@@ -320,17 +347,35 @@ fn normalize<const N: usize, const M: usize>(
 }
 
 /// Largest minus smallest channel.
+#[inline(always)]
 fn range([a, b, c]: [f32; 3]) -> f32 {
     a.max(b).max(c) - a.min(b).min(c)
 }
 
-/// Median of the levels' logarithms; the mean of the middle two of an even number.
-fn median_logarithm(levels: &mut [u8]) -> f32 {
-    let is_odd = levels.len() % 2 == 1;
-    let (before, &mut upper, _) = levels.select_nth_unstable(levels.len() / 2);
-    let lower = match before.iter().max() {
-        Some(&lower) if !is_odd => lower,
-        _ => upper,
+/// Median of the first levels' logarithms; the mean of the middle two of an even number. The others are the largest level.
+///
+/// The level of a rank is found bit by bit: counting needs no order, and vector instructions count at once.
+#[inline(always)]
+fn median_logarithm<const ROOM: usize>(levels: &[u8; ROOM], count: usize) -> f32 {
+    let below = |level: u8| -> usize {
+        let count: u8 = levels.iter().map(|&other| u8::from(other < level)).sum();
+        usize::from(count)
+    };
+    let rank = count / 2;
+    let mut upper = 0u8;
+    for bit in (0..u8::BITS).rev() {
+        let level = upper | 1 << bit;
+        if below(level) <= rank {
+            upper = level;
+        }
+    }
+    let lower = if count % 2 == 0 && below(upper) == rank {
+        let lesser = levels
+            .iter()
+            .map(|&level| if level < upper { level } else { 0 });
+        lesser.fold(0, u8::max)
+    } else {
+        upper
     };
     (logarithm(lower) + logarithm(upper)) / 2.0
 }
@@ -338,6 +383,16 @@ fn median_logarithm(levels: &mut [u8]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl PatchKind {
+        /// True if a sample belongs to the floor before the candidate.
+        fn is_floor(self, row: usize, column: usize) -> bool {
+            match self {
+                PatchKind::Ball => row < 2 || row < SIDE / 2 && (column == 0 || column == SIDE - 1),
+                PatchKind::Obstacle => row < FOOT_ROW as usize,
+            }
+        }
+    }
 
     /// A disc of one colour on a floor of another.
     fn disc(floor: [u8; 3], ball: [u8; 3]) -> PatchColours {
@@ -377,8 +432,60 @@ mod tests {
 
     #[test]
     fn median_of_levels_is_that_of_their_logarithms() {
-        let mean = (logarithm(20) + logarithm(30)) / 2.0;
-        assert!((median_logarithm(&mut [50, 10, 30, 20]) - mean).abs() < 1e-6);
-        assert!((median_logarithm(&mut [50, 10, 30]) - logarithm(30)).abs() < 1e-6);
+        // Against sorting, for many sets of levels, equal ones among them.
+        let mut state = 1u32;
+        for count in 1..=36 {
+            for _ in 0..20 {
+                let mut levels = [u8::MAX; 64];
+                for level in &mut levels[..count] {
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    *level = (state >> 24) as u8 / 3;
+                }
+                let mut sorted = levels[..count].to_vec();
+                sorted.sort_unstable();
+                let (lower, upper) = (sorted[(count - 1) / 2], sorted[count / 2]);
+                let expected = (logarithm(lower) + logarithm(upper)) / 2.0;
+                assert_eq!(median_logarithm(&levels, count), expected);
+            }
+        }
+        let brightest = [u8::MAX; 16];
+        assert_eq!(median_logarithm(&brightest, 3), logarithm(255));
+    }
+
+    #[test]
+    fn listed_samples_of_a_patch_are_its_floor_and_its_middle() {
+        let full: Vec<(usize, usize)> = (0..SAMPLES).map(|i| (i / SIDE, i % SIDE)).collect();
+        let side = COARSE.len();
+        let coarse = (0..COARSE_SAMPLES).map(|i| (COARSE[i / side], COARSE[i % side]));
+        let coarse: Vec<(usize, usize)> = coarse.collect();
+        let floor = |kind: PatchKind, places: &[(usize, usize)]| -> Vec<usize> {
+            let is_floor = |&index: &usize| kind.is_floor(places[index].0, places[index].1);
+            (0..places.len()).filter(is_floor).collect()
+        };
+        assert_eq!(floor(PatchKind::Ball, &full), BALL_FLOOR);
+        assert_eq!(floor(PatchKind::Obstacle, &full), OBSTACLE_FLOOR);
+        assert_eq!(floor(PatchKind::Ball, &coarse), COARSE_FLOOR);
+        assert_eq!(floor(PatchKind::Obstacle, &coarse), COARSE_OBSTACLE_FLOOR);
+        let near = |at: usize| (at as f32 - (SIDE - 1) as f32 / 2.0).abs() < 2.0;
+        let inner: Vec<usize> = (0..COARSE_SAMPLES)
+            .filter(|&index| near(coarse[index].0) && near(coarse[index].1))
+            .collect();
+        assert_eq!(inner, COARSE_INNER);
+    }
+
+    #[test]
+    fn pixels_outside_an_image_are_none_in_every_format() {
+        let mut pixels = [OUTSIDE; COARSE_SAMPLES];
+        pixels[1] = [3, 1];
+        let data: Vec<u8> = (0..4 * 2 * 3).collect();
+        for format in [PixelFormat::Rgb8, PixelFormat::Bgr8] {
+            let read = read_coarse_patch(&ImageView::packed(4, 2, format, &data), &pixels);
+            let expected = match format {
+                PixelFormat::Rgb8 => [21, 22, 23],
+                _ => [23, 22, 21],
+            };
+            assert_eq!(read[1], Some(expected));
+            assert!(read[0].is_none() && read[2].is_none());
+        }
     }
 }

@@ -26,6 +26,10 @@ use crate::optics::ground_map::GroundMap;
 const CONTRADICTION: f32 = 0.1;
 /// Nearer than this the robot itself takes the floor before an object, and the networks do not judge, metres.
 const JUDGED_RANGE_MIN: f32 = 0.4;
+/// A foot this much nearer (metres) than the carpet's end in its direction, more probable and at least so probable, is
+/// that of the obstacle there.
+const NEARER_FOOT: f32 = 0.25;
+const FOOT_PROBABILITY_MIN: f32 = 0.9;
 /// Least probability of a ball before its place is fitted. The networks judge best where a ball is in the middle.
 const PROBABILITY_BEFORE_FIT: f32 = 0.3;
 /// Detections nearer than this are one ball, ball radii.
@@ -200,6 +204,22 @@ impl PixelStage {
             let candidate = self
                 .obstacles
                 .judge_at(image, robot.edge.distance(), azimuth);
+            // A dark body that stray light tints like the carpet ends it too late. Its foot is a step that networks know.
+            let nearer = candidates.iter().find(|other| {
+                is_same(&candidate, other)
+                    && other.range < candidate.range - NEARER_FOOT
+                    && other.probability() > candidate.probability().max(FOOT_PROBABILITY_MIN)
+            });
+            if let Some(nearer) = nearer
+                && let Some(foot) = self.obstacle_detection(input, nearer)
+            {
+                known.push(*nearer);
+                obstacles.push(RobotDetection {
+                    marker: robot.marker.or(foot.marker),
+                    ..foot
+                });
+                continue;
+            }
             let beside = candidates.iter().any(|other| is_same(&candidate, other));
             let judged = robot.edge.distance() >= JUDGED_RANGE_MIN;
             let reason = if self.obstacles.is_own_part(&candidate) {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use localize::robot::RobotConfig;
 use localize::sample::{Imu, Odometry};
-use localize::sensors::wheel_calibration::VisionPose;
+use localize::sensors::pose_pairs::VisionPose;
 use localize::{DistanceField, Stamp};
 use pipeline::log::{LogReader, UnpackedSetup};
 use pipeline::run::{RecordingOptions, RecordingRun};

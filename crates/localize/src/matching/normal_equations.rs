@@ -1,0 +1,214 @@
+//! One pass over the points at a pose: normal equations of the reweighted squares, and the sums for the quality
+//! (docs/methods.md 5.2 to 5.4).
+
+use super::distance_field::DistanceField;
+use super::{Matcher, Matrix5, PARAMETERS, Vector5};
+use crate::{math, tilt};
+
+/// A point with its quantities that are constant between steps.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PreparedPoint {
+    pub(super) x: f32,
+    pub(super) y: f32,
+    /// Variance across the bearing plus the map's variance, m².
+    pub(super) tangential_variance: f32,
+    /// Radial minus tangential variance over the squared distance.
+    pub(super) radial_excess_variance: f32,
+}
+
+/// Sums over the points at one pose.
+pub(super) struct NormalEquations {
+    pub(super) normal: Matrix5,
+    pub(super) gradient: Vector5,
+    /// Σ w, Σ ψ², Σ ψ′, Σ w d², Σ |d|, Σ (1 − e), inliers.
+    pub(super) weight: f32,
+    pub(super) psi_squared: f32,
+    pub(super) psi_slope: f32,
+    pub(super) weighted_squares: f32,
+    pub(super) distance_sum: f32,
+    pub(super) score: f32,
+    pub(super) inliers: f32,
+}
+
+/// Points that are computed side by side: a vector register of 256 bits.
+const LANES: usize = 8;
+/// One value of each of these points.
+type Lanes = [f32; LANES];
+
+/// [`PreparedPoint`]s side by side.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PreparedLanes {
+    x: Lanes,
+    y: Lanes,
+    tangential_variance: Lanes,
+    radial_excess_variance: Lanes,
+    /// 1 for a point, 0 for padding.
+    weight: Lanes,
+}
+
+impl PreparedLanes {
+    /// All points in groups; the last group is padded.
+    pub(super) fn groups(points: &[PreparedPoint]) -> impl Iterator<Item = PreparedLanes> {
+        points.chunks(LANES).map(|group| {
+            let value = |of: fn(&PreparedPoint) -> f32, padding: f32| {
+                std::array::from_fn(|k| group.get(k).map_or(padding, of))
+            };
+            PreparedLanes {
+                x: value(|point| point.x, 0.0),
+                y: value(|point| point.y, 0.0),
+                tangential_variance: value(|point| point.tangential_variance, 1.0),
+                radial_excess_variance: value(|point| point.radial_excess_variance, 0.0),
+                weight: value(|_| 1.0, 0.0),
+            }
+        })
+    }
+}
+
+/// Sums by lane.
+#[derive(Default)]
+struct LaneSums {
+    normal: [Lanes; 15],
+    gradient: [Lanes; PARAMETERS],
+    weight: Lanes,
+    psi_squared: Lanes,
+    psi_slope: Lanes,
+    weighted_squares: Lanes,
+    distance_sum: Lanes,
+    score: Lanes,
+    inliers: Lanes,
+}
+
+/// The pose and tilt of a pass.
+struct PassState {
+    x: f32,
+    y: f32,
+    sin: f32,
+    cos: f32,
+    tilt: [f32; 2],
+    height: f32,
+    kernel_squared: f32,
+}
+
+impl Matcher {
+    /// One pass over the points: normal equations of the reweighted squares, and the sums for the quality.
+    pub(super) fn accumulate(
+        &self,
+        distances: &DistanceField,
+        state: &Vector5,
+        kernel_factor: f32,
+    ) -> NormalEquations {
+        let (sin, cos) = math::sin_cos(state[2]);
+        let pass = PassState {
+            x: state[0],
+            y: state[1],
+            sin,
+            cos,
+            tilt: [state[3], state[4]],
+            height: self.config.viewpoint_height,
+            kernel_squared: (self.config.kernel_scale_sigmas * kernel_factor).powi(2),
+        };
+        let mut sums = LaneSums::default();
+        for points in &self.lanes {
+            sums.add(points, &pass, distances);
+        }
+        sums.total()
+    }
+}
+
+impl LaneSums {
+    /// Adds a group of points. Each loop over `k` is a vector instruction or a few.
+    #[inline]
+    fn add(&mut self, points: &PreparedLanes, pass: &PassState, distances: &DistanceField) {
+        let [mut x, mut y, mut rx, mut ry] = [[0.0; LANES]; 4];
+        let [mut field_x, mut field_y] = [[0.0; LANES]; 2];
+        for k in 0..LANES {
+            [x[k], y[k]] =
+                tilt::ground_from_map([points.x[k], points.y[k]], pass.tilt, pass.height);
+            rx[k] = pass.cos * x[k] - pass.sin * y[k];
+            ry[k] = pass.sin * x[k] + pass.cos * y[k];
+            field_x[k] = pass.x + rx[k];
+            field_y[k] = pass.y + ry[k];
+        }
+        let [distance, nx, ny] = distances.nearest_lanes(&field_x, &field_y);
+        let inverse_height = 1.0 / pass.height;
+        let mut rows = [[0.0; LANES]; PARAMETERS];
+        let mut factor = [0.0; LANES];
+        for k in 0..LANES {
+            let radial = nx[k] * rx[k] + ny[k] * ry[k];
+            let variance =
+                points.tangential_variance[k] + points.radial_excess_variance[k] * radial * radial;
+            // By the tilt: docs/methods.md 3.5.
+            let along = radial * inverse_height;
+            rows[0][k] = nx[k];
+            rows[1][k] = ny[k];
+            rows[2][k] = ny[k] * rx[k] - nx[k] * ry[k];
+            rows[3][k] = x[k] * along;
+            rows[4][k] = y[k] * along;
+            let information = 1.0 / variance;
+            let squared = distance[k] * distance[k] * information;
+            // e(t) with t in standard deviations: 1 − e = k²/(k² + t²).
+            let kept = pass.kernel_squared / (pass.kernel_squared + squared);
+            let weight = points.weight[k];
+            let root_weight = weight * kept * kept;
+            factor[k] = root_weight * information;
+            self.weight[k] += root_weight;
+            self.psi_squared[k] += root_weight * root_weight * squared;
+            self.psi_slope[k] += root_weight * (4.0 * kept - 3.0);
+            self.weighted_squares[k] += root_weight * distance[k] * distance[k];
+            self.distance_sum[k] += weight * distance[k].abs();
+            self.score[k] += weight * kept;
+            self.inliers[k] += if squared < pass.kernel_squared {
+                weight
+            } else {
+                0.0
+            };
+        }
+        let mut n = 0;
+        for i in 0..PARAMETERS {
+            let mut scaled = [0.0; LANES];
+            for k in 0..LANES {
+                scaled[k] = factor[k] * rows[i][k];
+                self.gradient[i][k] += scaled[k] * distance[k];
+            }
+            for row in &rows[i..] {
+                for k in 0..LANES {
+                    self.normal[n][k] += scaled[k] * row[k];
+                }
+                n += 1;
+            }
+        }
+    }
+
+    /// Sums over the lanes.
+    fn total(&self) -> NormalEquations {
+        NormalEquations {
+            normal: symmetric_from_upper(&self.normal.map(sum)),
+            gradient: Vector5::from(self.gradient.map(sum)),
+            weight: sum(self.weight),
+            psi_squared: sum(self.psi_squared),
+            psi_slope: sum(self.psi_slope),
+            weighted_squares: sum(self.weighted_squares),
+            distance_sum: sum(self.distance_sum),
+            score: sum(self.score),
+            inliers: sum(self.inliers),
+        }
+    }
+}
+
+fn sum(lanes: Lanes) -> f32 {
+    lanes.iter().sum()
+}
+
+/// The full matrix from its upper triangle, row by row.
+fn symmetric_from_upper(upper: &[f32; 15]) -> Matrix5 {
+    let mut full = Matrix5::zeros();
+    let mut k = 0;
+    for i in 0..PARAMETERS {
+        for j in i..PARAMETERS {
+            full[(i, j)] = upper[k];
+            full[(j, i)] = upper[k];
+            k += 1;
+        }
+    }
+    full
+}
