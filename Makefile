@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 export PYO3_PYTHON := $(CURDIR)/$(VENV)/bin/python
 
-.PHONY: announce run test check fmt lint genicam doc deny bench figures dist setup system clean
+.PHONY: announce run test check fmt lint genicam doc deny bench figures site dist setup system clean
 
 run: announce setup
 	cargo run --release --locked -- demo
@@ -54,6 +54,13 @@ bench: setup
 figures: setup
 	cargo build --release --locked -p app
 	tools/figures
+
+# The documentation site in out/site: guides, command line, Python API, notebooks with their pictures. A broken link is an error.
+site: setup
+	cargo build --release --locked -p app -p mirrorball-py
+	ln -sfn ../../target/release/lib_core.so py/mirrorball/_core.so
+	$(VENV)/bin/python -m pip install --quiet --requirement docs/requirements.txt
+	NO_MKDOCS_2_WARNING=1 PYTHONPATH=py $(VENV)/bin/python -m mkdocs build --quiet
 
 # Tarballs for the robot in dist/out, each started once in an empty folder.
 dist: setup

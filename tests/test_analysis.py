@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from conftest import PROGRAM, ROOT
+from mirrorball import simulate
 from mirrorball.analysis import (
     Log,
     LogError,
@@ -19,6 +20,9 @@ from mirrorball.analysis import (
     difference,
     dropouts,
     exposure,
+    findings,
+    findings_table,
+    paired_difference,
     points,
     report,
     stream,
@@ -26,6 +30,7 @@ from mirrorball.analysis import (
     table,
     write_parquet,
 )
+from mirrorball.analysis.findings import motion_between
 from mirrorball.analysis.video import overlays, write_png, write_video
 
 
@@ -147,3 +152,53 @@ def test_log_example_runs(game: Path, tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr("sys.argv", ["analyse_log.py", str(game), str(tmp_path / "page")])
     cells = runpy.run_path(str(ROOT / "py/examples/analyse_log.py"))
     assert len(cells["run"]) == 60 and (tmp_path / "page/index.html").is_file()
+
+
+def test_findings_name_a_kidnap_and_its_cause_and_nothing_in_a_clean_run(game: Path, tmp_path: Path) -> None:
+    assert {each.kind for each in findings(game)} <= {"slip"}
+    kidnap = {"time": 2.0, "x": 3.0, "y": 2.0, "theta_deg": 90.0}
+    log = tmp_path / "kidnap.mcap"
+    scenario = ROOT / "config/scenarios/tracks_18x12.toml"
+    simulate(str(scenario), seed=2, duration_s=4.0, record=log, change={"kidnaps": [kidnap]})
+    found = findings(log)
+    wrong = [each for each in found if each.kind in ("error", "lost", "leap")]
+    assert wrong and all(1.9 < each.start_s < 3.0 for each in wrong)
+    assert any("points off the markings" in cause for each in wrong for cause in each.causes)
+    assert set(findings_table(found).columns) >= {"kind", "start_s", "sentence", "causes"}
+    page = report(log, folder=tmp_path / "page")
+    assert page.findings == tuple(found)
+    text = page.page.read_text()
+    assert wrong[0].sentence in text and text.count("data:image/png") >= 4
+
+
+def test_findings_name_a_change_of_the_light(tmp_path: Path) -> None:
+    log = tmp_path / "light.mcap"
+    scenario = ROOT / "config/scenarios/light_change.toml"
+    simulate(str(scenario), seed=2, duration_s=7.0, record=log, images="none")
+    light = [each for each in findings(log) if each.kind == "light"]
+    # The light falls to a quarter from 4 to 5 s.
+    assert len(light) == 1 and 3.9 < light[0].start_s < 5.7
+    assert 2.0 < light[0].size < 8.0
+
+
+def test_motion_by_the_wheels_is_summed_between_images() -> None:
+    stamps = np.arange(100) / 100.0
+    images = np.arange(5) / 10.0
+    driven = motion_between(stamps, np.full(100, 0.05), np.zeros(100), np.full(100, 0.02), images)
+    # Ten arcs of 5 cm that turn by 0.02 rad each.
+    ahead, aside = sum(0.05 * np.exp(0.02j * step) for step in range(10)).real, 0.05 * 0.02 * 45
+    assert driven[2] == pytest.approx([ahead, aside], abs=2e-3)
+
+
+def test_paired_difference_covers_the_truth_and_zero_for_equal_runs() -> None:
+    rng = np.random.default_rng(4)
+    stamps = np.arange(900) / 30.0
+    # Errors that last about a second, as those of a filter.
+    common = np.abs(np.convolve(rng.normal(size=900), np.ones(30) / 30.0, "same"))
+    run = pd.DataFrame({"stamp_s": stamps, "x_m": 0.0, "y_m": 0.0, "theta_rad": 0.0, "error_m": common})
+    worse = run.assign(error_m=common + 0.01 + 0.005 * np.abs(rng.normal(size=900)))
+    found = paired_difference(run, worse)
+    assert found["low"] < 0.01 + 0.005 * np.sqrt(2.0 / np.pi) < found["high"]
+    assert found["low"] > 0.0 and found["frames"] == 900
+    same = paired_difference(run, run)
+    assert same["low"] == same["high"] == 0.0

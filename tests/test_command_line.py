@@ -70,16 +70,15 @@ def test_script_exit_status_becomes_command_exit_status(text: str, code: int, wo
 
 
 def test_sigint_ends_script_without_traceback(tmp_path: Path) -> None:
-    script = written(tmp_path, "import time\nprint('up', flush=True)\ntime.sleep(60)\n")
+    script = written(tmp_path, "import time\nprint('up', flush=True)\ntime.sleep(600)\n")
     with subprocess.Popen([PROGRAM, "script", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                           env={**os.environ, "VIRTUAL_ENV": sys.prefix}) as running:  # fmt: skip
         assert running.stdout is not None
         assert running.stdout.readline() == "up\n"
-        begin = time.monotonic()
         running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=30)
+        # Long before the script would end by itself.
+        _, errors = running.communicate(timeout=60)
     assert running.returncode == 1 and errors.strip() == "mirrorball: interrupted"
-    assert time.monotonic() - begin < 30
 
 
 def test_missing_interpreter_is_reported_with_its_path(tmp_path: Path) -> None:
@@ -170,3 +169,16 @@ def test_cargo_run_starts_mirrorball_where_no_binary_is_named() -> None:
     programs = {binary["name"] for package in packages for binary in package["targets"] if binary["kind"] == ["bin"]}
     defaults = {package["default_run"] for package in packages if package["default_run"]}
     assert "mirrorball" in programs and defaults == {"mirrorball"}
+
+
+def test_report_lists_findings_and_compares_two_logs(game: Path, tmp_path: Path) -> None:
+    done = mirrorball("report", game, "--out", tmp_path / "one", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["frames"] == 60 and Path(result["page"]).is_file()
+    assert all({"kind", "start_s", "sentence"} <= set(row) for row in result["findings"])
+    done = mirrorball("report", game, game, "--out", tmp_path / "both")
+    assert done.returncode == 0, done.stderr
+    assert "difference 0.00 cm (95 %: 0.00 to 0.00 cm)" in done.stdout
+    done = mirrorball("report", tmp_path / "none.mcap", "--out", tmp_path / "none")
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and "none.mcap" in done.stderr

@@ -1,4 +1,4 @@
-"""Draw the detections into a recording's images: `python draw_detections.py samples/stills out/`."""
+"""Draw the detections into a recording's images: `python draw_detections.py samples/sequence out/`."""
 
 import argparse
 import csv
@@ -55,8 +55,8 @@ def main() -> None:
         if image is None:
             raise FileNotFoundError(arguments.folder / name)
         detector.reset_colour_model()
-        seen = detector.process(np.asarray(image, dtype=np.uint8))
-        cv2.imwrite(str(arguments.out / f"{Path(name).stem}.png"), draw(np.asarray(image, dtype=np.uint8), seen))
+        seen = detector.process(image)
+        cv2.imwrite(str(arguments.out / f"{Path(name).stem}.png"), draw(image, seen))
         print(f"{name}: {len(seen.points)} points, {len(seen.ball)} ball, {len(seen.robots)} robots, {len(seen.goals)} goals")
 
 

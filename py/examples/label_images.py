@@ -1,8 +1,8 @@
 """Label the colours of a folder of images, for `mirrorball calibrate colours --labels`.
 
-`python label_images.py FOLDER --box 000.jpg 210 80 230 95 goal_blue` labels every pixel of a box (columns and rows of
-two corners); `--confirmed` adds confident detections: carpet beside line points, the points themselves, the ball.
-A picture of each image with its labels shows whether they are right.
+`python label_images.py samples/sequence --box 000.jpg 210 80 230 95 goal_blue` labels every pixel of a box (columns and rows
+of two corners) in an image of the recording. `--confirmed` adds confident detections: carpet beside line points, the points
+themselves, the ball. A picture of each image with its labels shows whether they are right.
 """
 
 import argparse
@@ -45,21 +45,27 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="a recording: robot.toml, images")
     parser.add_argument("--box", nargs=6, action="append", default=[], metavar=("FILE", "U0", "V0", "U1", "V1", "CLASS"))
     parser.add_argument("--confirmed", action="store_true", help="also label confident detections")
-    parser.add_argument("--out", type=Path, required=True, help="where labels.csv and the pictures go")
+    parser.add_argument("--out", type=Path, default=Path("labels"), help="where labels.csv and the pictures go")
     arguments = parser.parse_args()
+    with (arguments.folder / "frames.csv").open(newline="") as table:
+        files = [row["file"] for row in csv.DictReader(table)]
     labels: list[Label] = []
     for name, u0, v0, u1, v1, word in arguments.box:
-        labels += box_labels(name, (int(u0), int(v0), int(u1), int(v1)), word)
+        # By its path in frames.csv, or by its name alone.
+        found = [file for file in files if name in (file, Path(file).name)]
+        if len(found) != 1:
+            parser.error(f"{name}: {len(found)} images of this name in {arguments.folder / 'frames.csv'}")
+        labels += box_labels(found[0], (int(u0), int(v0), int(u1), int(v1)), word)
     if arguments.confirmed:
         camera = mirrorball.Camera.load(arguments.folder / "robot.toml")
         profile = mirrorball.Profile.load(arguments.folder / "mirror.csv")
         detector = vision.Vision(map=mirrorball.ground_map(camera=camera, profile=profile), camera=camera)
-        with (arguments.folder / "frames.csv").open(newline="") as table:
-            for row in csv.DictReader(table):
-                detector.reset_colour_model()
-                image = cv2.imread(str(arguments.folder / row["file"]))
-                seen = detector.process(np.asarray(image, dtype=np.uint8))
-                labels += confirmed_labels(row["file"], seen, camera.centre_px)
+        for file in files:
+            detector.reset_colour_model()
+            image = cv2.imread(str(arguments.folder / file))
+            if image is None:
+                raise FileNotFoundError(arguments.folder / file)
+            labels += confirmed_labels(file, detector.process(image), camera.centre_px)
     arguments.out.mkdir(parents=True, exist_ok=True)
     with (arguments.out / "labels.csv").open("w", newline="") as table:
         writer = csv.writer(table)

@@ -6,15 +6,42 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 __version__: str
+__all__ = [
+    "Camera",
+    "ColourTable",
+    "Cycle",
+    "Field",
+    "GroundMap",
+    "LogError",
+    "LogReader",
+    "Mount",
+    "Pipeline",
+    "Profile",
+    "Simulation",
+    "Vision",
+    "__version__",
+    "calibrate_lines",
+    "calibrate_mask",
+    "calibrate_sizes",
+    "calibrate_strip",
+    "colours_from_labels",
+    "ground_map",
+    "learn_colours",
+    "render",
+    "scenario_files",
+    "simulate",
+    "trace_points",
+    "trace_rays",
+]
 
 @final
 class Profile:
     """A mirror of revolution: height above the ground over radius, smooth between its samples."""
 
-    def __init__(self, *, radius_m: NDArray[np.float64], height_m: NDArray[np.float64]) -> None: ...
+    def __new__(cls, *, radius_m: NDArray[np.float64], height_m: NDArray[np.float64]) -> Profile: ...
     @staticmethod
     def load(path: str | PathLike[str]) -> Profile: ...
     @property
@@ -22,23 +49,24 @@ class Profile:
     @property
     def height_m(self) -> NDArray[np.float64]: ...
     def height_and_slope(self, radius_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
 @final
 class Camera:
     """A pinhole camera looking straight up into the mirror, as `[camera]` of robot.toml states it."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         *,
         width_px: int,
         height_px: int,
-        focal_px: float,
-        pinhole_height_m: float,
+        focal_px: float | None = None,
+        pinhole_height_m: float | None = None,
         centre_px: tuple[float, float] | None = None,
         forward_deg: float = 90.0,
         flipped: bool = True,
         outer_radius_px: float | None = None,
-    ) -> None: ...
+    ) -> Camera: ...
     @staticmethod
     def of_map(map: GroundMap) -> Camera: ...
     @staticmethod
@@ -59,25 +87,27 @@ class Camera:
     def flipped(self) -> bool: ...
     @property
     def outer_radius_px(self) -> float | None: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
 @final
 class Mount:
     """How far camera and mirror sit off from where they should."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         *,
-        lean_deg: tuple[float, float] = (0.0, 0.0),
-        mirror_tilt_deg: tuple[float, float] = (0.0, 0.0),
-        mirror_offset_m: tuple[float, float] = (0.0, 0.0),
+        lean_deg: tuple[float, float] = ...,
+        mirror_tilt_deg: tuple[float, float] = ...,
+        mirror_offset_m: tuple[float, float] = ...,
         mirror_raise_m: float = 0.0,
-    ) -> None: ...
+    ) -> Mount: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
 @final
 class GroundMap:
     """Pixel → ground point in the robot frame, rows × columns."""
 
-    def __init__(self, *, x_m: NDArray[np.float32], y_m: NDArray[np.float32]) -> None: ...
+    def __new__(cls, *, x_m: NDArray[np.float32], y_m: NDArray[np.float32]) -> GroundMap: ...
     @property
     def x_m(self) -> NDArray[np.float32]: ...
     @property
@@ -85,6 +115,7 @@ class GroundMap:
     @staticmethod
     def load(path: str | PathLike[str]) -> GroundMap: ...
     def save(self, path: str | PathLike[str]) -> None: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
 def trace_rays(
     *, camera: Camera, profile: Profile, mount: Mount | None = None
@@ -108,7 +139,10 @@ def ground_map(*, camera: Camera, profile: Profile, mount: Mount | None = None) 
 class Field:
     """A soccer field with its markings; without a path, the league's of 18 × 12 m."""
 
-    def __init__(self, path: str | PathLike[str] | None = None) -> None: ...
+    def __new__(cls, path: str | PathLike[str] | None = None) -> Field: ...
+    @staticmethod
+    def from_toml(text: str) -> Field: ...
+    def to_toml(self) -> str: ...
     @property
     def length_m(self) -> float: ...
     @property
@@ -139,33 +173,33 @@ class ColourTable:
     def save(self, path: str | PathLike[str]) -> None: ...
     @property
     def names(self) -> list[str]: ...
-    def classify(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]: ...
+    def classify(self, image: NDArray[Any]) -> NDArray[np.uint8]: ...
 
 @final
 class Vision:
     """Vision of one camera; `mirrorball.vision.Vision` names the columns of its detections."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         *,
         map: GroundMap,
         camera: Camera | None = None,
         mask: NDArray[np.bool_] | None = None,
         line_width_m: float = 0.125,
         settings_toml: str | None = None,
-    ) -> None: ...
+    ) -> Vision: ...
     @property
     def scan_pixels(self) -> int: ...
     @property
     def scan_coverage(self) -> float: ...
     def set_colour_table(self, table: ColourTable) -> None: ...
     def reset_colour_model(self) -> None: ...
-    def process(self, image: NDArray[np.uint8]) -> dict[str, Any]: ...
+    def process(self, image: NDArray[Any]) -> dict[str, Any]: ...
 
 def calibrate_strip(
     *,
     camera: Camera,
-    images: list[NDArray[np.uint8]],
+    images: list[NDArray[Any]],
     directions_rad: list[float],
     first_edge_m: float,
     spacing_m: float,
@@ -178,14 +212,14 @@ def calibrate_lines(
     camera: Camera,
     start: GroundMap,
     field: Field,
-    images: list[NDArray[np.uint8]],
+    images: list[NDArray[Any]],
     settings_toml: str | None = None,
 ) -> tuple[GroundMap, float, float, list[tuple[int, int, float, str | None]]]: ...
-def calibrate_mask(*, camera: Camera, images: list[NDArray[np.uint8]]) -> NDArray[np.bool_]: ...
+def calibrate_mask(*, camera: Camera, images: list[NDArray[Any]]) -> NDArray[np.bool_]: ...
 def calibrate_sizes(
     *,
     map: GroundMap,
-    images: list[NDArray[np.uint8]],
+    images: list[NDArray[Any]],
     camera: Camera | None = None,
     line_width_m: float = 0.125,
     settings_toml: str | None = None,
@@ -193,7 +227,7 @@ def calibrate_sizes(
 def learn_colours(
     *,
     map: GroundMap,
-    images: list[NDArray[np.uint8]],
+    images: list[NDArray[Any]],
     camera: Camera | None = None,
     line_width_m: float = 0.125,
     over: str = "yuv",
@@ -207,7 +241,7 @@ def simulate(
     duration_s: float | None = None,
     preset: str = "default",
     change: dict[str, Any] | None = None,
-    config: dict[str, Any] | None = None,
+    config: dict[str, Any] | str | PathLike[str] | None = None,
     record: str | PathLike[str] | None = None,
     images: str = "png",
     progress: Callable[[float], object] | None = None,
@@ -217,6 +251,76 @@ def simulate(
 def scenario_files(scenario: str | PathLike[str]) -> list[Path]:
     """Every file that a scenario needs, itself first."""
 
+@final
+class Simulation:
+    """A running scenario."""
+
+    def __new__(
+        cls,
+        scenario: str | PathLike[str],
+        *,
+        seed: int | None = None,
+        duration_s: float | None = None,
+        change: dict[str, Any] | None = None,
+        images: bool = True,
+    ) -> Simulation: ...
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def time_s(self) -> float: ...
+    def next_sample(self) -> tuple[Any, ...]: ...
+    def command(self, velocity: tuple[float, ...] | None) -> None: ...
+    def kidnap(self, pose: tuple[float, ...]) -> None: ...
+    def push(self, impulse: tuple[float, ...]) -> None: ...
+    def place_ball(self, position: tuple[float, ...], velocity: tuple[float, ...]) -> None: ...
+    def place_robot(self, index: int, pose: tuple[float, ...]) -> None: ...
+    def set_light(self, level: float | None) -> None: ...
+    def set_camera(self, exposure: float, gain: float) -> None: ...
+    def apply_camera_command(self, cycle: Cycle) -> None: ...
+    def pipeline(self, *, preset: str = "default", config: dict[str, Any] | str | PathLike[str] | None = None) -> Pipeline: ...
+
+@final
+class Pipeline:
+    """A robot's pipeline: vision and localization in order."""
+
+    def __new__(
+        cls,
+        *,
+        robot: str | PathLike[str] | None = None,
+        field: Field | None = None,
+        map: str | PathLike[str] | None = None,
+        preset: str = "default",
+        config: dict[str, Any] | str | PathLike[str] | None = None,
+    ) -> Pipeline: ...
+    def odometry(self, stamp_s: float, motion: tuple[float, float, float]) -> None: ...
+    def imu(
+        self,
+        stamp_s: float,
+        specific_force_mps2: tuple[float, float, float],
+        angular_velocity_radps: tuple[float, float, float],
+    ) -> None: ...
+    def compass(self, stamp_s: float, heading_rad: float, magnetic_field: tuple[float, float] | None = None) -> None: ...
+    def command(self, stamp_s: float, velocity: tuple[float, float, float]) -> None: ...
+    def set_pose(self, stamp_s: float, pose: tuple[float, float, float], std: tuple[float, float, float]) -> None: ...
+    def image(self, stamp_s: float, image: NDArray[Any]) -> Cycle: ...
+    def points(self, stamp_s: float, points: ArrayLike, std_m: float) -> Cycle: ...
+
+@final
+class Cycle:
+    """What is known after one image."""
+
+    def estimate(self) -> dict[str, Any]: ...
+    def line_points(self) -> dict[str, NDArray[np.float32]]: ...
+    def detections(self) -> dict[str, Any] | None: ...
+    def ball(self) -> dict[str, Any] | None: ...
+    def robots(self) -> list[dict[str, Any]]: ...
+    @property
+    def image_fault(self) -> str | None: ...
+    @property
+    def timings_ms(self) -> tuple[float, float]: ...
+    @property
+    def camera_command(self) -> tuple[float, float] | None: ...
+
 class LogError(ValueError):
     """The file is no log of mirrorball, or it is damaged."""
 
@@ -224,7 +328,7 @@ class LogError(ValueError):
 class LogReader:
     """A log's topics. Each call reads the file anew and holds one chunk of it."""
 
-    def __init__(self, path: str | PathLike[str]) -> None: ...
+    def __new__(cls, path: str | PathLike[str]) -> LogReader: ...
     @property
     def complete(self) -> bool: ...
     @property

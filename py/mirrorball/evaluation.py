@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from mirrorball.html_page import picture, table, write
 
+__all__ = ["write_page"]
+
 COLOURS = ("#1b6ca8", "#c8553d", "#3b8a4f", "#8a5fa8", "#b98b1d", "#4a4a4a", "#6aa9c9", "#999999")
 # The papers draw truth black and estimates red.
 TRUTH_COLOUR, ESTIMATE_COLOUR = "black", "#d62728"

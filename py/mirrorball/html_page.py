@@ -9,6 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mirrorball.output_file import replacing
 
 if TYPE_CHECKING:
@@ -35,6 +38,15 @@ def inline(png: bytes, heading: str = "") -> str:
     said = html.escape(heading)
     title = f"<h2>{said}</h2>\n" if heading else ""
     return f'{title}<img alt="{said}" src="data:image/png;base64,{base64.b64encode(png).decode("ascii")}">'
+
+
+def png_bytes(image: NDArray[np.uint8]) -> bytes:
+    """An image, rows × columns × (red, green, blue), as PNG."""
+    from matplotlib.image import imsave
+
+    pixels = io.BytesIO()
+    imsave(pixels, image, format="png")
+    return pixels.getvalue()
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

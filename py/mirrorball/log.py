@@ -43,6 +43,19 @@ class Log:
         """Version, source, seed, … of the run."""
         self.message_counts = self._reader.message_counts
 
+    def __repr__(self) -> str:
+        return f"Log({str(self.path)!r}, {sum(self.message_counts.values())} messages)"
+
+    def __eq__(self, other: object) -> bool:
+        """The same file."""
+        return isinstance(other, Log) and self.path.resolve() == other.path.resolve()
+
+    def __hash__(self) -> int:
+        return hash(self.path.resolve())
+
+    def __reduce__(self) -> tuple[type[Log], tuple[Path]]:
+        return Log, (self.path,)
+
     @property
     def topics(self) -> list[str]:
         """Topics that have messages."""

@@ -1,7 +1,8 @@
-"""Simulated runs of scenarios, on this machine or on another one that gets the run's files.
+"""Simulated runs of scenarios: whole ones, or sample by sample with the caller at the wheel.
 
-The run is computed in this process by the same functions as `mirrorball sim`: the same scenario, seed and settings give
-the same estimates. Python's lock is released meanwhile, so that threads run scenarios side by side.
+`simulate` makes a run, on this machine or on another one that gets the run's files. `Simulation` gives samples and takes
+commands. Both compute in this process by the functions of `mirrorball sim`: the same scenario, seed and settings give the same
+estimates. Python's lock is released meanwhile, so that threads run scenarios side by side.
 """
 
 from __future__ import annotations
@@ -10,12 +11,27 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mirrorball import _core
+from mirrorball.estimates import Cycle
+from mirrorball.pipeline import Config, Pipeline
+from mirrorball.samples import ImageSample, Sample, TruthSample, sample_from_core
+
+__all__ = ["Run", "Simulation", "Step", "bundle_run", "simulate"]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+Numbers = Sequence[float] | NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -111,3 +127,115 @@ def _simulate(
         images=images,
         progress=progress,
     )
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a simulated robot measured from one image to the next."""
+
+    samples: tuple[Sample, ...]
+    """In order of time; the last one is the image, or the truth in a simulation without images."""
+    ended: bool
+    """The scenario's duration is over. The simulation can go on."""
+
+    @property
+    def truth(self) -> TruthSample:
+        """The true state at the time of the image."""
+        return next(sample for sample in reversed(self.samples) if isinstance(sample, TruthSample))
+
+    @property
+    def image(self) -> NDArray[np.uint8] | None:
+        """The image as OpenCV has it (blue, green, red); None if the camera delivered none."""
+        last = self.samples[-1]
+        return last.image if isinstance(last, ImageSample) else None
+
+
+class Simulation:
+    """A running scenario: iterate over its samples, or drive its robot with `step`.
+
+    `change`: values in place of the scenario's, by dotted key. `images=False` renders none: much faster, with truth at the
+    camera's rate. Equal seeds and commands give equal samples.
+
+    Examples:
+        >>> simulation = Simulation("config/scenarios/tracks_18x12.toml", seed=1)  # doctest: +SKIP
+        >>> pipeline = simulation.pipeline()  # doctest: +SKIP
+        >>> for sample in simulation:  # doctest: +SKIP
+        ...     if cycle := pipeline.process(sample):
+        ...         simulation.apply_camera_command(cycle)
+        ...         print(cycle.pose)
+
+    """
+
+    def __init__(
+        self,
+        scenario: str | Path,
+        *,
+        seed: int | None = None,
+        duration_s: float | None = None,
+        change: Mapping[str, Any] | None = None,
+        images: bool = True,
+    ) -> None:
+        self._core = _core.Simulation(
+            Path(scenario), seed=seed, duration_s=duration_s, change=dict(change or {}), images=images
+        )
+        self._images = images
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since the start."""
+        return self._core.time_s
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the scenario, seconds."""
+        return self._core.duration_s
+
+    def __iter__(self) -> Iterator[Sample]:
+        """Samples until the end of the scenario."""
+        while True:
+            sample = sample_from_core(self._core.next_sample())
+            if sample.stamp_s >= self.duration_s:
+                return
+            yield sample
+
+    def step(self, velocity: Numbers | None = None) -> Step:
+        """Drives until the next image with a velocity: forward, left (m/s), turn (rad/s). None: along the scenario's path."""
+        self._core.command(None if velocity is None else tuple(map(float, velocity)))
+        samples: list[Sample] = []
+        while True:
+            sample = sample_from_core(self._core.next_sample())
+            samples.append(sample)
+            if isinstance(sample, ImageSample) or (isinstance(sample, TruthSample) and not self._images):
+                return Step(tuple(samples), ended=sample.stamp_s >= self.duration_s)
+
+    def pipeline(self, *, preset: str = "default", config: Config | None = None) -> Pipeline:
+        """The pipeline of the simulated robot, with the map of its calibration."""
+        return Pipeline.of_simulation(self._core, preset=preset, config=config)
+
+    def kidnap(self, pose: Numbers) -> None:
+        """Moves the robot to a pose (x, y in metres, θ in radians), at rest."""
+        self._core.kidnap(tuple(map(float, pose)))
+
+    def push(self, impulse: Numbers) -> None:
+        """Pushes the robot: impulse along the field's x and y, N s."""
+        self._core.push(tuple(map(float, impulse)))
+
+    def place_ball(self, position: Numbers, *, velocity: Numbers = (0.0, 0.0)) -> None:
+        """Places the ball on the field (metres) with a velocity (m/s)."""
+        self._core.place_ball(tuple(map(float, position)), tuple(map(float, velocity)))
+
+    def place_robot(self, index: int, pose: Numbers) -> None:
+        """Moves another robot to a pose, at rest; `index` as in `TruthSample.robots`."""
+        self._core.place_robot(index, tuple(map(float, pose)))
+
+    def set_light(self, level: float | None) -> None:
+        """Light on the field in place of the scenario's (1: normal); None: the scenario's again."""
+        self._core.set_light(level)
+
+    def set_camera(self, *, exposure: float, gain: float) -> None:
+        """Exposure and gain of the camera from the next image on."""
+        self._core.set_camera(exposure, gain)
+
+    def apply_camera_command(self, cycle: Cycle) -> None:
+        """Sets the camera as the exposure control of a cycle asks, with the delay of a real camera."""
+        self._core.apply_camera_command(cycle.core)

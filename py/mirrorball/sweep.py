@@ -30,6 +30,8 @@ from tqdm import tqdm
 
 from mirrorball.simulation import Run, bundle_run, simulate
 
+__all__ = ["grid", "sweep"]
+
 Task = Any
 Result = Mapping[str, Any]
 

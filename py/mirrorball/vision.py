@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mirrorball import _core
 from mirrorball._core import Camera, ColourTable, Field, GroundMap
+from mirrorball.tables import Table, structured_array
 
 __all__ = [
     "ColourTable",
@@ -28,12 +29,18 @@ __all__ = [
     "calibrate_sizes",
     "calibrate_strip",
     "colours_from_labels",
+    "detections_from_columns",
     "learn_colours",
     "see",
 ]
 
-Image = NDArray[np.uint8]
-Table = NDArray[np.void]
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+Image = NDArray[Any]
+"""Bytes. OpenCV types what it reads as integers or floats of any size, so the element type is checked when it runs."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,13 @@ class Detections:
     lens_centred: bool | None
     """The camera's lens is where the mirror's axis should be; None if it cannot be determined."""
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Detections):
+            return NotImplemented
+        return all(np.array_equal(value, vars(other)[name]) for name, value in vars(self).items())
+
+    __hash__ = None  # type: ignore[assignment]
+
 
 class Residual(NamedTuple):
     """How well one image agrees with a calibration."""
@@ -72,18 +86,20 @@ class Residual(NamedTuple):
     left_out: str | None
 
 
-def _structured_array(columns: Mapping[str, Any]) -> Table:
-    arrays = {name: np.asarray(values, dtype=_column_dtype(values)) for name, values in columns.items()}
-    rows = len(next(iter(arrays.values())))
-    table = np.empty(rows, dtype=[(name, array.dtype) for name, array in arrays.items()])
-    for name, array in arrays.items():
-        table[name] = array
-    return table
-
-
-def _column_dtype(values: Any) -> Any:
-    # numpy takes an empty list of texts for numbers.
-    return None if isinstance(values, np.ndarray) else f"<U{max([1, *map(len, values)])}"
+def detections_from_columns(found: Mapping[str, Any]) -> Detections:
+    """The detections of an image from the columns of the compiled half."""
+    return Detections(
+        points=structured_array(found["points"]),
+        refused=structured_array(found["refused"]),
+        ball=structured_array(found["ball"]),
+        robots=structured_array(found["robots"]),
+        goals=structured_array(found["goals"]),
+        carpet_end_m=found["carpet_end_m"],
+        carpet_share=found["carpet_share"],
+        bumpers=found["bumpers"],
+        kick=found["kick"],
+        lens_centred=found["lens_centred"],
+    )
 
 
 def _load_map(source: GroundMap | str | PathLike[str]) -> GroundMap:
@@ -129,19 +145,7 @@ class Vision:
 
     def process(self, image: Image) -> Detections:
         """Detections in an image; ValueError if it has another size, or is damaged or black."""
-        found = self._vision.process(image)
-        return Detections(
-            points=_structured_array(found["points"]),
-            refused=_structured_array(found["refused"]),
-            ball=_structured_array(found["ball"]),
-            robots=_structured_array(found["robots"]),
-            goals=_structured_array(found["goals"]),
-            carpet_end_m=found["carpet_end_m"],
-            carpet_share=found["carpet_share"],
-            bumpers=found["bumpers"],
-            kick=found["kick"],
-            lens_centred=found["lens_centred"],
-        )
+        return detections_from_columns(self._vision.process(image))
 
 
 def see(
@@ -222,7 +226,7 @@ def calibrate_sizes(
     columns = _core.calibrate_sizes(
         map=_load_map(map), images=list(images), camera=camera, line_width_m=line_width_m, settings_toml=settings
     )
-    return _structured_array(dict(columns))
+    return structured_array(dict(columns))
 
 
 def learn_colours(

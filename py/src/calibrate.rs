@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use vision::calibrate::strip::BarColour;
@@ -29,11 +29,11 @@ fn residuals(images: Vec<ImageResidual>) -> Vec<Residual> {
         .collect()
 }
 
-fn drive(images: &[PyReadonlyArrayDyn<'_, u8>]) -> PyResult<Vec<NamedImage>> {
-    let image = |(number, array): (usize, &PyReadonlyArrayDyn<'_, u8>)| {
+fn drive(images: &[Bound<'_, PyAny>]) -> PyResult<Vec<NamedImage>> {
+    let image = |(number, array): (usize, &Bound<'_, PyAny>)| {
         Ok(NamedImage {
             name: format!("image {number}"),
-            image: ArrayImage::from_array(array)?.to_rgb_image(),
+            image: ArrayImage::from_argument(array)?.to_rgb_image(),
         })
     };
     images.iter().enumerate().map(image).collect()
@@ -49,7 +49,7 @@ fn drive(images: &[PyReadonlyArrayDyn<'_, u8>]) -> PyResult<Vec<NamedImage>> {
 pub(crate) fn calibrate_strip(
     py: Python<'_>,
     camera: &Bound<'_, Camera>,
-    images: Vec<PyReadonlyArrayDyn<'_, u8>>,
+    images: Vec<Bound<'_, PyAny>>,
     directions_rad: Vec<f64>,
     first_edge_m: f64,
     spacing_m: f64,
@@ -104,7 +104,7 @@ pub(crate) fn calibrate_lines(
     camera: &Bound<'_, Camera>,
     start: &Bound<'_, GroundMap>,
     field: &Bound<'_, Field>,
-    images: Vec<PyReadonlyArrayDyn<'_, u8>>,
+    images: Vec<Bound<'_, PyAny>>,
     settings_toml: Option<&str>,
 ) -> PyResult<(GroundMap, f64, f64, Vec<Residual>)> {
     let (start, images) = (start.get().to_rust(py)?, drive(&images)?);
@@ -123,7 +123,7 @@ pub(crate) fn calibrate_lines(
 pub(crate) fn calibrate_mask<'py>(
     py: Python<'py>,
     camera: &Bound<'py, Camera>,
-    images: Vec<PyReadonlyArrayDyn<'py, u8>>,
+    images: Vec<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<bool>>> {
     let images: Vec<_> = drive(&images)?
         .into_iter()
@@ -146,7 +146,7 @@ type SizeColumns<'py> = Vec<(&'static str, Bound<'py, PyArray1<f32>>)>;
 pub(crate) fn calibrate_sizes<'py>(
     py: Python<'py>,
     map: &Bound<'py, GroundMap>,
-    images: Vec<PyReadonlyArrayDyn<'py, u8>>,
+    images: Vec<Bound<'py, PyAny>>,
     camera: Option<&Bound<'py, Camera>>,
     line_width_m: f32,
     settings_toml: Option<&str>,
@@ -182,7 +182,7 @@ pub(crate) fn calibrate_sizes<'py>(
 pub(crate) fn learn_colours(
     py: Python<'_>,
     map: &Bound<'_, GroundMap>,
-    images: Vec<PyReadonlyArrayDyn<'_, u8>>,
+    images: Vec<Bound<'_, PyAny>>,
     camera: Option<&Bound<'_, Camera>>,
     line_width_m: f32,
     over: &str,

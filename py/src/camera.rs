@@ -7,7 +7,9 @@ use localize::robot::{RobotConfig, RobotConfigError};
 use localize::toml_file::TomlFileError;
 use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
 
+use crate::arguments::Keywords;
 use crate::ground_map::GroundMap;
 
 /// The number that was written: 0.6, not the 0.600000024 that 32 bits make of it.
@@ -18,6 +20,12 @@ fn as_written(value: f32) -> f64 {
         .unwrap_or_else(|_| f64::from(value))
 }
 
+fn known(name: &str, value: Option<f32>) -> PyResult<f64> {
+    value
+        .map(as_written)
+        .ok_or_else(|| PyValueError::new_err(format!("the camera has no {name}")))
+}
+
 /// A pinhole camera looking straight up into the mirror, as `[camera]` of robot.toml states it.
 #[pyclass(frozen, module = "mirrorball._core")]
 pub(crate) struct Camera(pub(crate) CameraConfig);
@@ -25,7 +33,7 @@ pub(crate) struct Camera(pub(crate) CameraConfig);
 #[pymethods]
 impl Camera {
     #[new]
-    #[pyo3(signature = (*, width_px, height_px, focal_px, pinhole_height_m, centre_px=None, forward_deg=90.0, flipped=true, outer_radius_px=None))]
+    #[pyo3(signature = (*, width_px, height_px, focal_px=None, pinhole_height_m=None, centre_px=None, forward_deg=90.0, flipped=true, outer_radius_px=None))]
     #[expect(
         clippy::too_many_arguments,
         reason = "they are keywords where they are called"
@@ -33,8 +41,8 @@ impl Camera {
     fn new(
         width_px: usize,
         height_px: usize,
-        focal_px: f32,
-        pinhole_height_m: f32,
+        focal_px: Option<f32>,
+        pinhole_height_m: Option<f32>,
         centre_px: Option<[f32; 2]>,
         forward_deg: f32,
         flipped: bool,
@@ -44,9 +52,9 @@ impl Camera {
         Camera(CameraConfig {
             width_px,
             height_px,
-            focal_px: Some(focal_px),
+            focal_px,
             centre_px: centre_px.unwrap_or([middle(width_px), middle(height_px)]),
-            height: Some(pinhole_height_m),
+            height: pinhole_height_m,
             forward_deg,
             flipped,
             outer_radius_px,
@@ -88,16 +96,16 @@ impl Camera {
         self.0.height_px
     }
 
-    /// Focal length, pixels.
+    /// Focal length, pixels. ValueError for the camera of a calibrated map, which has none.
     #[getter]
-    fn focal_px(&self) -> Option<f64> {
-        self.0.focal_px.map(as_written)
+    fn focal_px(&self) -> PyResult<f64> {
+        known("focal_px", self.0.focal_px)
     }
 
-    /// Pinhole above the ground, metres.
+    /// Pinhole above the ground, metres. ValueError for the camera of a calibrated map, which has none.
     #[getter]
-    fn pinhole_height_m(&self) -> Option<f64> {
-        self.0.height.map(as_written)
+    fn pinhole_height_m(&self) -> PyResult<f64> {
+        known("pinhole_height_m", self.0.height)
     }
 
     /// Where the mirror's axis meets the image (right, down), pixels.
@@ -122,6 +130,43 @@ impl Camera {
     #[getter]
     fn outer_radius_px(&self) -> Option<f64> {
         self.0.outer_radius_px.map(as_written)
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.0 == other.0
+    }
+
+    fn __repr__(&self) -> String {
+        let camera = &self.0;
+        let optional =
+            |value: Option<f32>| value.map_or_else(|| "None".to_owned(), |value| value.to_string());
+        format!(
+            "Camera(width_px={}, height_px={}, focal_px={}, pinhole_height_m={}, centre_px=({}, {}), forward_deg={}, \
+             flipped={}, outer_radius_px={})",
+            camera.width_px,
+            camera.height_px,
+            optional(camera.focal_px),
+            optional(camera.height),
+            camera.centre_px[0],
+            camera.centre_px[1],
+            camera.forward_deg,
+            if camera.flipped { "True" } else { "False" },
+            optional(camera.outer_radius_px)
+        )
+    }
+
+    // For pickle and copy.
+    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<Keywords<'py>> {
+        let keywords = PyDict::new(py);
+        keywords.set_item("width_px", self.0.width_px)?;
+        keywords.set_item("height_px", self.0.height_px)?;
+        keywords.set_item("focal_px", self.0.focal_px)?;
+        keywords.set_item("pinhole_height_m", self.0.height)?;
+        keywords.set_item("centre_px", self.0.centre_px)?;
+        keywords.set_item("forward_deg", self.0.forward_deg)?;
+        keywords.set_item("flipped", self.0.flipped)?;
+        keywords.set_item("outer_radius_px", self.0.outer_radius_px)?;
+        Ok((PyTuple::empty(py), keywords))
     }
 }
 
@@ -157,5 +202,30 @@ impl Mount {
             mirror_offset: mirror_offset_m,
             mirror_raise: mirror_raise_m,
         })
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.0 == other.0
+    }
+
+    fn __repr__(&self) -> String {
+        let pair = |values: [f64; 2]| format!("({}, {})", values[0], values[1]);
+        format!(
+            "Mount(lean_deg={}, mirror_tilt_deg={}, mirror_offset_m={}, mirror_raise_m={})",
+            pair(self.0.lean_deg),
+            pair(self.0.mirror_tilt_deg),
+            pair(self.0.mirror_offset),
+            self.0.mirror_raise
+        )
+    }
+
+    // For pickle and copy.
+    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<Keywords<'py>> {
+        let keywords = PyDict::new(py);
+        keywords.set_item("lean_deg", self.0.lean_deg)?;
+        keywords.set_item("mirror_tilt_deg", self.0.mirror_tilt_deg)?;
+        keywords.set_item("mirror_offset_m", self.0.mirror_offset)?;
+        keywords.set_item("mirror_raise_m", self.0.mirror_raise)?;
+        Ok((PyTuple::empty(py), keywords))
     }
 }

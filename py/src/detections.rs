@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 
 use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArrayDyn,
-    PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -14,6 +13,7 @@ use vision::lines::detection::RejectionReason;
 use vision::objects::robots::ObstacleKind;
 use vision::{Detections, VisionConfig};
 
+use crate::arguments::byte_array;
 use crate::camera::{Camera, camera_or_from_map};
 use crate::errors;
 use crate::ground_map::GroundMap;
@@ -27,26 +27,37 @@ pub(crate) struct ArrayImage {
 }
 
 impl ArrayImage {
-    pub(crate) fn from_array(array: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<Self> {
+    /// From an argument named `image`.
+    pub(crate) fn from_argument(image: &Bound<'_, PyAny>) -> PyResult<Self> {
+        const EXPECTED: &str = "rows × columns × 3 (BGR) or rows × columns (grey)";
+        let array = byte_array("image", image, EXPECTED)?;
         let (height_px, width_px, format) = match *array.shape() {
             [rows, columns] => (rows, columns, PixelFormat::Grey8),
             [rows, columns, 3] => (rows, columns, PixelFormat::Bgr8),
             ref other => {
                 return Err(PyValueError::new_err(format!(
-                    "an image is rows × columns (grey) or rows × columns × 3 (BGR), not {other:?}"
+                    "invalid image: shape {other:?} (expected {EXPECTED})"
                 )));
             }
+        };
+        let bytes = match array.as_slice() {
+            Ok(packed) => packed.to_vec(),
+            // A slice of a larger array; iteration packs it.
+            Err(_) => array.as_array().iter().copied().collect(),
         };
         Ok(ArrayImage {
             width_px,
             height_px,
             format,
-            // Slices of larger arrays are not packed; iteration packs them.
-            bytes: array.as_array().iter().copied().collect(),
+            bytes,
         })
     }
 
-    fn view(&self) -> ImageView<'_> {
+    pub(crate) fn into_bytes(self) -> Vec<u8> {
+        self.bytes
+    }
+
+    pub(crate) fn view(&self) -> ImageView<'_> {
         ImageView::packed(self.width_px, self.height_px, self.format, &self.bytes)
     }
 
@@ -129,9 +140,9 @@ impl Vision {
     fn process<'py>(
         &mut self,
         py: Python<'py>,
-        image: PyReadonlyArrayDyn<'py, u8>,
+        image: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let image = ArrayImage::from_array(&image)?;
+        let image = ArrayImage::from_argument(image)?;
         let detections = py
             .detach(|| self.vision.process(&image.view()))
             .map_err(|error| errors::vision(&error))?;
@@ -150,7 +161,7 @@ fn rejection_reason_name(reason: RejectionReason) -> &'static str {
     }
 }
 
-fn f32_column<'py, T>(
+pub(crate) fn f32_column<'py, T>(
     py: Python<'py>,
     rows: &[T],
     value: impl Fn(&T) -> f32,
@@ -162,7 +173,7 @@ fn f32_column<'py, T>(
 }
 
 #[expect(clippy::too_many_lines, reason = "a list of columns")]
-fn detection_columns<'py>(
+pub(crate) fn detection_columns<'py>(
     py: Python<'py>,
     detections: &Detections,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -331,9 +342,9 @@ impl ColourTable {
     fn classify<'py>(
         &self,
         py: Python<'py>,
-        image: PyReadonlyArrayDyn<'py, u8>,
+        image: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<u8>>> {
-        let image = ArrayImage::from_array(&image)?.to_rgb_image();
+        let image = ArrayImage::from_argument(image)?.to_rgb_image();
         let classes: Vec<u8> = py.detach(|| {
             let pixels = image.rgb.chunks_exact(3);
             pixels

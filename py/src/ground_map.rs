@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
 
+use crate::arguments::Keywords;
 use crate::errors;
 
 /// Pixel → ground point in the robot frame, as calibration and tracing make it.
@@ -88,5 +90,37 @@ impl GroundMap {
         let map = self.to_rust(py)?;
         py.detach(|| map.save(&path))
             .map_err(|error| errors::map(&error))
+    }
+
+    // NaN equals NaN: both see no ground.
+    fn __eq__(&self, py: Python<'_>, other: &Self) -> PyResult<bool> {
+        let (own, other) = (self.to_rust(py)?, other.to_rust(py)?);
+        let same = |a: &[f32], b: &[f32]| {
+            a.len() == b.len()
+                && a.iter()
+                    .zip(b)
+                    .all(|(a, b)| a == b || (a.is_nan() && b.is_nan()))
+        };
+        Ok(own.width_px == other.width_px && same(&own.x, &other.x) && same(&own.y, &other.y))
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let map = self.to_rust(py)?;
+        let distances = map.x.iter().zip(&map.y).map(|(x, y)| x.hypot(*y));
+        let farthest = distances.filter(|distance| distance.is_finite());
+        Ok(format!(
+            "GroundMap({} × {} pixels, ground to {:.1} m)",
+            map.width_px,
+            map.height_px,
+            farthest.fold(0.0, f32::max)
+        ))
+    }
+
+    // For pickle and copy.
+    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<Keywords<'py>> {
+        let keywords = PyDict::new(py);
+        keywords.set_item("x_m", &self.x_m)?;
+        keywords.set_item("y_m", &self.y_m)?;
+        Ok((PyTuple::empty(py), keywords))
     }
 }

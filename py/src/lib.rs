@@ -1,8 +1,10 @@
 //! The compiled half of the Python package: optics, vision, calibration, simulation and logs with numpy arrays. Conversions
 //! only.
 
+mod arguments;
 mod calibrate;
 mod camera;
+mod cycle;
 mod detections;
 pub mod embedded;
 mod errors;
@@ -10,8 +12,10 @@ mod ground_map;
 mod log;
 mod profile;
 mod rays;
+mod robot_pipeline;
 mod scene;
 mod simulation;
+mod simulation_object;
 
 use pyo3::prelude::*;
 
@@ -38,6 +42,9 @@ pub fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(calibrate::colours_from_labels, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::simulate, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::scenario_files, module)?)?;
+    module.add_class::<simulation_object::Simulation>()?;
+    module.add_class::<robot_pipeline::Pipeline>()?;
+    module.add_class::<cycle::Cycle>()?;
     module.add_class::<log::LogReader>()?;
     module.add("LogError", module.py().get_type::<log::LogError>())?;
     Ok(())

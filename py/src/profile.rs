@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
 
+use crate::arguments::Keywords;
 use crate::errors;
 
 /// A mirror of revolution: height above the ground over radius, smooth between its samples.
@@ -62,5 +64,25 @@ impl Profile {
             .map(|&radius| self.0.height_and_slope(radius))
             .unzip();
         (heights.into_pyarray(py), slopes.into_pyarray(py))
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.0 == other.0
+    }
+
+    fn __repr__(&self) -> String {
+        let (inner, outer) = self.0.radii();
+        format!(
+            "Profile({} samples, radius_m {inner} to {outer})",
+            self.0.samples().count()
+        )
+    }
+
+    // For pickle and copy.
+    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<Keywords<'py>> {
+        let keywords = PyDict::new(py);
+        keywords.set_item("radius_m", self.radius_m(py))?;
+        keywords.set_item("height_m", self.height_m(py))?;
+        Ok((PyTuple::empty(py), keywords))
     }
 }

@@ -45,13 +45,37 @@ impl Field {
     fn new(path: Option<PathBuf>) -> PyResult<Self> {
         let field = match path {
             Some(path) => localize::field::Field::load(&path),
-            None => {
-                let config: FieldConfig = toml::from_str(LEAGUE_FIELD)
-                    .map_err(|error| PyValueError::new_err(error.to_string()))?;
-                localize::field::Field::new(config)
-            }
+            None => return Field::from_toml(LEAGUE_FIELD),
         };
         field.map(Field).map_err(|error| field_error(&error))
+    }
+
+    /// From the text of a field.toml.
+    #[staticmethod]
+    fn from_toml(text: &str) -> PyResult<Self> {
+        let config: FieldConfig =
+            toml::from_str(text).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        let field = localize::field::Field::new(config);
+        field.map(Field).map_err(|error| field_error(&error))
+    }
+
+    /// The text of its field.toml.
+    fn to_toml(&self) -> PyResult<String> {
+        toml::to_string(&self.0.config).map_err(|error| PyValueError::new_err(error.to_string()))
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.0 == other.0
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Field({} × {} m)", self.0.length, self.0.width)
+    }
+
+    // For pickle and copy.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        let text = slf.get().to_toml()?;
+        Ok((slf.get_type().getattr("from_toml")?, (text,)))
     }
 
     /// Between the centres of the goal lines, metres.

@@ -4,14 +4,13 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use pipeline::PipelineConfig;
-use pipeline::config::apply_overlay;
 use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::run::{Progress, ScenarioOptions, ScenarioRun};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyMapping, PyString};
+use pyo3::types::PyDict;
 
+use crate::arguments::{overrides, settings};
 use crate::errors;
 
 /// Ctrl-C and `progress` wait for at most this long.
@@ -21,7 +20,7 @@ const DURATION_MAX: f64 = 2_678_400.0;
 
 /// Runs a scenario and returns its summary, the same as `mirrorball sim --json` prints.
 ///
-/// `change` and `config` replace single values of scenario and settings by dotted key. `progress` gets the simulated
+/// `change` and `config` replace single values of scenario and settings by dotted key; `config` may also be an overlay file. `progress` gets the simulated
 /// seconds about ten times a second; an exception that it raises ends the run, and leaves the log complete.
 #[pyfunction]
 #[pyo3(signature = (scenario, *, seed=None, duration_s=None, preset="default", change=None, config=None, record=None, images="png", progress=None))]
@@ -36,7 +35,7 @@ pub(crate) fn simulate<'py>(
     duration_s: Option<f64>,
     preset: &str,
     change: Option<&Bound<'py, PyDict>>,
-    config: Option<&Bound<'py, PyDict>>,
+    config: Option<&Bound<'py, PyAny>>,
     record: Option<PathBuf>,
     images: &str,
     progress: Option<Py<PyAny>>,
@@ -57,14 +56,12 @@ pub(crate) fn simulate<'py>(
         images,
         ..LogConfig::default()
     };
-    let overlay = overrides(config)?;
-    let settings = PipelineConfig::preset(preset).and_then(|base| apply_overlay(&base, overlay));
     let options = ScenarioOptions {
         scenario,
         changes: overrides(change)?,
         seed,
         duration: duration_s,
-        config: settings.map_err(|error| errors::from_anyhow(&error))?,
+        config: settings(preset, config)?,
         record: record.map(|path| (path, log_config)),
     };
     let mut monitor = Monitor::new(progress);
@@ -125,62 +122,4 @@ impl Monitor {
             }
         }
     }
-}
-
-/// Values by dotted key as nested tables.
-fn overrides(values: Option<&Bound<'_, PyDict>>) -> PyResult<toml::Table> {
-    let mut table = toml::Table::new();
-    for (key, value) in values.into_iter().flatten() {
-        let key: String = key.extract()?;
-        insert(&mut table, &key, to_toml(&value, &key)?);
-    }
-    Ok(table)
-}
-
-fn insert(table: &mut toml::Table, key: &str, value: toml::Value) {
-    let one = match key.rsplit_once('.') {
-        None => toml::Table::from_iter([(key.to_owned(), value)]),
-        Some((outer, name)) => {
-            let inner = toml::Table::from_iter([(name.to_owned(), value)]);
-            return insert(table, outer, inner.into());
-        }
-    };
-    pipeline::config::merge_tables(table, one);
-}
-
-fn to_toml(value: &Bound<'_, PyAny>, key: &str) -> PyResult<toml::Value> {
-    // A bool is an int, too.
-    if value.is_instance_of::<PyBool>() {
-        return Ok(value.extract::<bool>()?.into());
-    }
-    if value.is_instance_of::<PyInt>() {
-        return Ok(value.extract::<i64>()?.into());
-    }
-    if value.is_instance_of::<PyFloat>() {
-        return Ok(value.extract::<f64>()?.into());
-    }
-    if value.is_instance_of::<PyString>() {
-        return Ok(value.extract::<String>()?.into());
-    }
-    if let Ok(mapping) = value.cast::<PyMapping>() {
-        let mut table = toml::Table::new();
-        for item in mapping.items()?.iter() {
-            let (name, inner): (String, Bound<'_, PyAny>) = item.extract()?;
-            let inner = to_toml(&inner, &format!("{key}.{name}"))?;
-            table.insert(name, inner);
-        }
-        return Ok(table.into());
-    }
-    if value.hasattr("tolist")? {
-        return to_toml(&value.call_method0("tolist")?, key);
-    }
-    if value.hasattr("__len__")? {
-        let items = value.try_iter()?;
-        let items: PyResult<Vec<toml::Value>> = items.map(|item| to_toml(&item?, key)).collect();
-        return Ok(items?.into());
-    }
-    Err(PyValueError::new_err(format!(
-        "invalid {key}: {} (expected a bool, number, text, list or table)",
-        value.repr()?
-    )))
 }

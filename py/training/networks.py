@@ -14,10 +14,16 @@ CONV1 = 8
 CONV2 = 16
 DENSE = 24
 CHANNELS = 3
+PATCH_SIDE = 12
+COARSE_SIDE = 6
 
 
 class Network:
     """Weights and their Adam state."""
+
+    def forward(self, patches: Array) -> Array:
+        """Outputs before the logistic function."""
+        raise NotImplementedError
 
     def __init__(self, shapes: list[tuple[int, ...]], seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -139,3 +145,37 @@ def softmax(outputs: Array) -> Array:
 def write_weights(path: Path, networks: list[Network]) -> None:
     """Writes all weights as little-endian float32, in the order in which the crate reads them."""
     path.write_bytes(b"".join(weight.astype("<f4").tobytes() for network in networks for weight in network.weights))
+
+
+def read_weights(path: Path, networks: list[Network]) -> None:
+    """Reads all weights as [`write_weights`] writes them; an error if the file is of other networks."""
+    values = np.frombuffer(path.read_bytes(), "<f4")
+    count = sum(weight.size for network in networks for weight in network.weights)
+    if len(values) != count:
+        raise ValueError(f"{path}: {len(values)} weights (expected {count})")
+    for network in networks:
+        for index, weight in enumerate(network.weights):
+            network.weights[index] = values[: weight.size].reshape(weight.shape).astype(np.float32)
+            values = values[weight.size :]
+
+
+def object_networks() -> list[Network]:
+    """Untrained networks of the shape and order of objects.weights: ball coarse, ball, obstacle coarse, obstacle."""
+    coarse, side = 3 * COARSE_SIDE**2, PATCH_SIDE
+    return [CoarseNetwork(coarse, 0), PatchNetwork(side, 1, 0), CoarseNetwork(coarse, 0), PatchNetwork(side, 3, 0)]
+
+
+def reference_outputs(networks: list[Network]) -> list[float]:
+    """Outputs for one artificial input, against which the crate's own inference is tested."""
+    outputs: list[float] = []
+    for network in networks:
+        side = COARSE_SIDE if isinstance(network, CoarseNetwork) else PATCH_SIDE
+        numbers = np.arange(CHANNELS * side**2)
+        patch = (numbers * 37 % 101 / 50 - 1).astype(np.float32).reshape(1, CHANNELS, side, side)
+        outputs += [float(value) for value in network.forward(patch)[0]]
+    return outputs
+
+
+def write_reference(path: Path, networks: list[Network]) -> None:
+    """Writes the reference outputs, one per line."""
+    path.write_text("".join(f"{value:.6f}\n" for value in reference_outputs(networks)))

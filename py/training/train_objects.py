@@ -1,9 +1,11 @@
 """Trains the networks that judge balls, robots and people by their pixels; writes objects.weights.
 
-`python py/training/train_objects.py --labelled Y3 --labelled Y1:MAP.npz:241:239 --simulated EXPORT... --out objects.weights`
+`python py/training/prepare_recordings.py --mirrorball EXE --labelled REAL --out DIR`
+`OPENBLAS_NUM_THREADS=1 python py/training/train_objects.py --prepared DIR --out crates/vision/src/objects/objects.weights`
 
+gives the weights of the repository. `--leave-out labelled_Y3` trains without a camera, for a test on its pictures.
 Labelled folders hold object_labels.csv; a map and a centre may follow after colons. Simulated folders are exports of
-logs (`mirrorball replay LOG --export DIR`). Equal inputs and seeds give equal weights.
+logs (`mirrorball replay LOG --export DIR`). Equal inputs and seeds give equal weights on one kind of processor.
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import patches
-from networks import CoarseNetwork, Network, PatchNetwork, logistic, softmax, write_weights
+from networks import CoarseNetwork, Network, PatchNetwork, logistic, softmax, write_reference, write_weights
 from numpy.typing import NDArray
+from prepare_recordings import drives
 from recordings import PERSON, Camera, Samples, labelled_objects, simulated_objects
 from samples import sample_image
 
@@ -111,15 +114,27 @@ def _hardness(network: PatchNetwork, kind: str, colours: NDArray[np.generic], in
     return hardness / hardness.sum()
 
 
+def balanced(groups: list[Colours]) -> Colours:
+    """Shares of all entries' weights such that each group has the same total."""
+    return np.concatenate([group / max(group.sum(), 1e-9) / len(groups) for group in groups])
+
+
+def _even(parts: list[int], is_labelled: list[bool]) -> Colours:
+    """Shares of pictures' counterexamples: photographs and simulated images have half each."""
+    labelled = np.repeat(is_labelled, parts)
+    groups = [part.astype(float) for part in (labelled, ~labelled) if part.any()]
+    return np.asarray(sum(group / group.sum() for group in groups) / len(groups))
+
+
 def train(
     kind: str,
     objects: tuple[NDArray[np.generic], NDArray[np.bool_], NDArray[np.int_], Colours],
-    others: tuple[NDArray[np.generic], NDArray[np.bool_]],
+    others: tuple[NDArray[np.generic], NDArray[np.bool_], Colours],
     *,
     steps: int,
     seed: int,
 ) -> tuple[CoarseNetwork, PatchNetwork]:
-    """Trains both networks of a kind. `objects`: patches, inside, class and weight; `others`: patches, inside."""
+    """Trains both networks of a kind. `objects`: patches, inside, class and share; `others`: patches, inside, share."""
     rng = np.random.default_rng(seed)
     colours, inside, labels, weights = objects
     outputs = 1 if kind == "ball" else 3
@@ -128,11 +143,12 @@ def train(
     negatives = 2 * BATCH_POSITIVE
     total = BATCH_POSITIVE + negatives
     is_object = np.r_[np.ones(BATCH_POSITIVE), np.zeros(negatives)].astype(np.float32)[:, None]
-    hard = np.full(len(others[0]), 1 / len(others[0]))
+    hard = others[2]
     for epoch in range(EPOCHS):
         rate = 0.002 * (1 + np.cos(np.pi * epoch / EPOCHS)) + 1e-4
         if epoch:
-            hard = _hardness(network, kind, *others)
+            hard = _hardness(network, kind, *others[:2]) * others[2]
+            hard /= hard.sum()
         for _ in range(steps):
             positive = rng.choice(len(colours), BATCH_POSITIVE, p=weights)
             negative = rng.choice(len(others[0]), negatives, p=hard)
@@ -157,37 +173,49 @@ def train(
     return coarse, network
 
 
-def train_ball(samples: list[Samples], *, steps: int, seed: int) -> list[Network]:
-    """Networks of the ball."""
+def train_ball(samples: list[Samples], simulated: set[str], *, steps: int, seed: int) -> list[Network]:
+    """Networks of the ball; photographs, simulated images and composites weigh the same."""
     rng = np.random.default_rng(seed)
     real = np.concatenate([ball for sample in samples for ball in sample.balls]).astype(float)
+    is_labelled = np.concatenate([np.full(sum(map(len, sample.balls)), sample.camera not in simulated) for sample in samples])
     backgrounds = np.concatenate([sample.ball_backgrounds for sample in samples]).astype(float)
     composites = composite_balls(real, backgrounds, rng)
-    negatives = [sample.ball_negatives for sample in samples]
-    others = np.concatenate([*negatives, composite_others(backgrounds, rng)]).astype(np.float32)
+    wrong = composite_others(backgrounds, rng)
+    others = np.concatenate([*(sample.ball_negatives for sample in samples), wrong]).astype(np.float32)
     colours = np.concatenate([real, composites]).astype(np.float32)
-    weights = np.r_[np.ones(len(real)), 0.5 * np.ones(len(composites))]
+    counts = [len(sample.ball_negatives) for sample in samples]
+    labelled = [sample.camera not in simulated for sample in samples]
+    share = _even([*counts, len(wrong)], [*labelled, False])
+    groups = [is_labelled.astype(float), (~is_labelled).astype(float)]
+    groups = [group / max(group.sum(), 1e-9) for group in groups]
+    weights = balanced([groups[0] + groups[1], np.full(len(composites), 1.0)])
     everywhere = [np.ones(part.shape[:3], bool) for part in (colours, others)]
     labels = np.ones(len(colours), int)
-    objects = (colours, everywhere[0], labels, weights / weights.sum())
-    return list(train("ball", objects, (others, everywhere[1]), steps=steps, seed=seed))
+    return list(
+        train("ball", (colours, everywhere[0], labels, weights), (others, everywhere[1], share), steps=steps, seed=seed)
+    )
 
 
 def train_obstacle(samples: list[Samples], simulated: set[str], *, steps: int, seed: int) -> list[Network]:
-    """Networks of robots and people; each object weighs the same, simulated ones less, people more."""
-    colours, inside, labels, weights = [], [], [], []
+    """Networks of robots and people; each object of a photograph weighs the same, and all simulated ones half as much."""
+    colours, inside, labels, weights, labelled = [], [], [], [], []
     for sample in samples:
         counts = np.bincount([number for _, number, _, _ in sample.obstacles], minlength=1)
         for kind, number, patch, known in sample.obstacles:
             colours.append(patch)
             inside.append(known)
             labels.append(kind)
-            weights.append((0.3 if sample.camera in simulated else 1.0) * (1.3 if kind == PERSON else 1.0) / counts[number])
-    share = np.array(weights) / np.sum(weights)
-    objects = (np.array(colours), np.array(inside), np.array(labels), share)
+            weights.append((1.3 if kind == PERSON else 1.0) / counts[number])
+            labelled.append(sample.camera not in simulated)
+    weight, is_labelled = np.array(weights), np.array(labelled)
+    shares = [part * weight / max((part * weight).sum(), 1e-9) for part in (is_labelled, ~is_labelled)]
+    share = 2 * shares[0] + shares[1]
+    objects = (np.array(colours), np.array(inside), np.array(labels), share / share.sum())
+    counts = [len(sample.obstacle_negatives) for sample in samples]
     others = (
         np.concatenate([sample.obstacle_negatives for sample in samples]),
         np.concatenate([sample.obstacle_inside for sample in samples]),
+        _even(counts, [sample.camera not in simulated for sample in samples]),
     )
     return list(train("obstacle", objects, others, steps=steps, seed=seed))
 
@@ -202,12 +230,18 @@ def labelled_camera(text: str) -> Camera:
 def main() -> None:
     """Reads the recordings, trains, writes the weights."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--prepared", type=Path, metavar="DIR", help="recordings of prepare_recordings.py")
+    parser.add_argument("--leave-out", default="", metavar="NAME", help="labelled recording of DIR not to train on")
     parser.add_argument("--labelled", action="append", default=[], metavar="DIR[:MAP[:U:V]]")
     parser.add_argument("--simulated", action="append", default=[], metavar="DIR")
-    parser.add_argument("--steps", type=int, default=250, help="steps of each of the eight epochs")
+    parser.add_argument("--steps", type=int, default=180, help="steps of each of the eight epochs")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
+    if args.prepared:
+        names = [name for name in ("labelled_Y3", "labelled_Y1") if name != args.leave_out]
+        args.labelled += [str(args.prepared / name) for name in names]
+        args.simulated += [str(args.prepared / name) for name in drives()]
     rng = np.random.default_rng(args.seed)
     samples = []
     recordings = [(labelled_camera(text), True) for text in args.labelled]
@@ -219,9 +253,10 @@ def main() -> None:
             samples.append(sample_image(camera, file, balls, obstacles, rng))
         print(f"{camera.folder}: {len(camera.frames)} pictures", flush=True)
     simulated = {Path(text).name for text in args.simulated}
-    networks = train_ball(samples, steps=args.steps, seed=args.seed)
+    networks = train_ball(samples, simulated, steps=args.steps, seed=args.seed)
     networks += train_obstacle(samples, simulated, steps=args.steps, seed=args.seed)
     write_weights(args.out, networks)
+    write_reference(args.out.with_suffix(".reference"), networks)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ use clap::{Parser, Subcommand};
 use crate::commands::arguments::UsageError;
 use crate::commands::{bench, calibrate, demo, doctor, locate, record, recover, replay, sim};
 #[cfg(feature = "python")]
-use crate::commands::{mirror, script};
+use crate::commands::{mirror, report, script};
 use crate::eval;
 #[cfg(feature = "view")]
 use crate::view;
@@ -44,6 +44,8 @@ enum Command {
     Calibrate(calibrate::Args),
     Bench(bench::Args),
     Eval(eval::Args),
+    #[cfg(feature = "python")]
+    Report(report::Args),
     #[cfg(feature = "python")]
     Mirror(mirror::Args),
     #[cfg(feature = "python")]
@@ -88,6 +90,8 @@ pub fn run() -> ExitCode {
         Command::Bench(args) => bench::run(&args, cli.json),
         Command::Eval(args) => eval::run(&args, cli.json),
         Command::Recover(args) => recover::run(&args, cli.json),
+        #[cfg(feature = "python")]
+        Command::Report(args) => report::run(&args, cli.json),
         #[cfg(feature = "python")]
         Command::Mirror(args) => mirror::run(&args, cli.json),
         #[cfg(feature = "python")]

@@ -5,8 +5,9 @@ use std::ffi::CString;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use mirrorball_py::_core;
+use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyValueError};
 use pyo3::ffi;
 use pyo3::prelude::*;
 
@@ -39,7 +40,7 @@ pub(crate) fn start(python: Option<&Path>) -> Result<()> {
         let Err(error) = py.import("numpy") else {
             return Ok(());
         };
-        if error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {
+        if error.is_instance_of::<PyKeyboardInterrupt>(py) {
             anyhow::bail!("interrupted");
         }
         Err(error).with_context(|| {
@@ -186,4 +187,24 @@ fn initialize(program: &Path) -> Result<()> {
     // Releases the interpreter lock; `Python::attach` acquires it again.
     unsafe { ffi::PyEval_SaveThread() };
     Ok(())
+}
+
+/// Errors of the user become one line; other errors are bugs and print their traceback.
+pub(crate) fn explain_error(py: Python<'_>, error: &PyErr) -> anyhow::Error {
+    if error.is_instance_of::<PyKeyboardInterrupt>(py) {
+        return anyhow!("interrupted");
+    }
+    let value = error.value(py);
+    let attribute = |name: &str| value.getattr(name).ok().filter(|found| !found.is_none());
+    if error.is_instance_of::<PyOSError>(py)
+        && let (Some(file), Some(reason)) = (attribute("filename"), attribute("strerror"))
+    {
+        return anyhow!("cannot use {file}: {reason}");
+    }
+    let expected =
+        error.is_instance_of::<PyValueError>(py) || error.is_instance_of::<PyOSError>(py);
+    if !expected {
+        print_traceback(py, error);
+    }
+    anyhow!("{value}")
 }

@@ -158,6 +158,11 @@ impl Pipeline {
         Some((pattern.pixel_count, pattern.coverage))
     }
 
+    /// Starts from a known pose.
+    pub fn set_pose(&mut self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) {
+        self.localizer.set_pose(stamp, pose, covariance);
+    }
+
     /// Takes over the pose and the pending inputs of another pipeline, so that settings can change while the robot drives.
     pub fn warm_start_from(&mut self, other: &Pipeline) {
         self.inputs = other.inputs.clone();

@@ -34,9 +34,50 @@ impl Setup {
     ///
     /// `map`: a calibrated ground map that replaces the robot's own.
     pub fn load(robot_file: &Path, map: Option<&Path>) -> Result<Self> {
+        Setup::load_on_field(robot_file, None, map)
+    }
+
+    /// As [`Setup::load`], on another field than that of the robot file, if one is given.
+    pub fn load_on_field(
+        robot_file: &Path,
+        field: Option<Field>,
+        map: Option<&Path>,
+    ) -> Result<Self> {
         let robot = RobotConfig::load(robot_file)?;
-        let field = Field::load(&robot.field)?;
+        let field = match field {
+            Some(field) => field,
+            None => Field::load(&robot.field)?,
+        };
         Setup::new(robot_file, robot, field, map)
+    }
+
+    /// A robot without camera: line points come from another vision system.
+    pub fn without_camera(field: Field) -> Self {
+        Setup {
+            robot: RobotConfig {
+                field: PathBuf::new(),
+                include: Vec::new(),
+                camera: None,
+                exposure: None,
+                mirror: None,
+                map: None,
+                mask: None,
+                labels: None,
+                colours: None,
+                base: None,
+                odometry: None,
+                timing: None,
+                imu: None,
+                compass: None,
+                body: None,
+            },
+            field,
+            camera: None,
+            colours: None,
+            mask: None,
+            viewpoint_height: None,
+            traced_mirror: None,
+        }
     }
 
     /// As [`Setup::load`], with a robot and a field that are already loaded. Errors name `robot_file`.

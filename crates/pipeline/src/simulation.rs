@@ -97,6 +97,25 @@ impl Simulation {
             .schedule_exposure(command.from_frame, setting.exposure, setting.gain);
     }
 
+    /// Disables images; true states are still sampled at the rate of the camera.
+    #[must_use]
+    pub fn without_images(self) -> Self {
+        Simulation {
+            sim: self.sim.without_images(),
+            ..self
+        }
+    }
+
+    /// Sets exposure and gain of the camera from the next image on.
+    pub fn set_camera(&mut self, exposure: f32, gain: f32) {
+        self.sim.schedule_exposure(0, exposure, gain);
+    }
+
+    /// The next sample, also beyond the end of the run.
+    pub fn next_sample(&mut self) -> Sample {
+        sample_from_sim(self.sim.next_sample())
+    }
+
     /// Runs until the end, or until `on_cycle` breaks.
     ///
     /// Samples go to the pipeline, cycles to `on_cycle`, and camera commands back to the simulated camera. The simulator

@@ -7,12 +7,14 @@
 Needs `pip install mirrorball[analysis]` (pandas, pyarrow); videos need `mirrorball[video]`.
 """
 
-from mirrorball.analysis.metrics import difference, dropouts, summary
+from mirrorball.analysis.findings import Finding, findings, findings_table, images_of
+from mirrorball.analysis.metrics import difference, dropouts, paired_difference, summary
 from mirrorball.analysis.reporting import Report, compare, report
 from mirrorball.analysis.tables import cycles, exposure, points, stream, table, write_parquet
 from mirrorball.log import Log, LogError
 
 __all__ = [
+    "Finding",
     "Log",
     "LogError",
     "Report",
@@ -21,6 +23,10 @@ __all__ = [
     "difference",
     "dropouts",
     "exposure",
+    "findings",
+    "findings_table",
+    "images_of",
+    "paired_difference",
     "points",
     "report",
     "stream",

@@ -48,15 +48,43 @@ def dropouts(cycles: pd.DataFrame, *, gap_factor: float = 1.5) -> pd.DataFrame:
     if "fault" in cycles:
         broken = cycles[cycles["fault"] != ""]
         rows += [("unusable", stamp, stamp, fault) for stamp, fault in zip(broken["stamp_s"], broken["fault"], strict=True)]
-    for first, last in _true_intervals((cycles["mode"] == "lost").to_numpy()):
+    for first, last in true_intervals((cycles["mode"] == "lost").to_numpy()):
         reasons = cycles["reason"].iloc[first : last + 1]
         rows.append(("lost", stamps[first], stamps[last], ", ".join(sorted({reason for reason in reasons if reason}))))
     return pd.DataFrame(sorted(rows, key=lambda row: row[1]), columns=["kind", "start_s", "stop_s", "detail"])
 
 
-def _true_intervals(mask: Any) -> list[tuple[int, int]]:
+def true_intervals(mask: Any) -> list[tuple[int, int]]:
+    """First and last index of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(begin), int(end) - 1) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def paired_difference(
+    first: pd.DataFrame, second: pd.DataFrame, *, column: str = "error_m", resamples: int = 2000, seed: int = 1
+) -> dict[str, float]:
+    """Mean difference (second − first) of a column over the frames of one stamp, with its 95 % bootstrap interval.
+
+    Frames follow one another, and so do their errors. Whole seconds are drawn, so that the interval is not too narrow.
+    Keys: frames, mean_first, mean_second, difference, low, high. ValueError if no stamp agrees.
+    """
+    both = difference(first, second)
+    both = both[both[f"{column}_1"].notna() & both[f"{column}_2"].notna()]
+    if both.empty:
+        raise ValueError(f"no frame of one stamp has {column} in both runs")
+    apart = both[f"{column}_2"] - both[f"{column}_1"]
+    blocks = apart.groupby((both["stamp_s"] // 1.0).astype(int)).agg(["sum", "count"]).to_numpy()
+    drawn = np.random.default_rng(seed).integers(len(blocks), size=(resamples, len(blocks)))
+    sums = blocks[drawn].sum(axis=1)
+    low, high = np.percentile(sums[:, 0] / sums[:, 1], [2.5, 97.5])
+    return {
+        "frames": float(len(both)),
+        "mean_first": float(both[f"{column}_1"].mean()),
+        "mean_second": float(both[f"{column}_2"].mean()),
+        "difference": float(apart.mean()),
+        "low": float(low),
+        "high": float(high),
+    }
 
 
 def difference(first: pd.DataFrame, second: pd.DataFrame, *, tolerance_s: float = 0.002) -> pd.DataFrame:

@@ -8,10 +8,18 @@ from pathlib import Path
 import pandas as pd
 
 from mirrorball.analysis import figures
-from mirrorball.analysis.metrics import difference, dropouts, shares, summary
+from mirrorball.analysis.findings import Finding, findings, images_of
+from mirrorball.analysis.metrics import difference, dropouts, paired_difference, shares, summary
 from mirrorball.analysis.tables import as_log, cycles, exposure
-from mirrorball.html_page import picture, table, write
+from mirrorball.html_page import inline, picture, png_bytes, table, write
 from mirrorball.log import Log
+
+FINDINGS_MAX = 200
+"""Findings that a page lists."""
+PICTURES_MAX = 6
+"""Findings whose images a page shows."""
+PICTURED = ("error", "overconfident", "lost", "leap", "uncertain", "unusable", "light")
+"""Kinds of findings in the order in which their images are worth a look."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +30,7 @@ class Report:
     cycles: tuple[pd.DataFrame, ...]
     summary: pd.DataFrame
     dropouts: pd.DataFrame
+    findings: tuple[Finding, ...] = ()
 
 
 def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10) -> Report:
@@ -32,10 +41,12 @@ def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10)
         raise ValueError(f"{log.path} has no cycle")
     missing, found = dropouts(run), summary(run)
     name = log.path.stem
+    moments = findings(log)
     sections = [
         table(["", ""], [[key, value] for key, value in sorted(log.about.items())]),
         _mode_table(run),
         _summary_table(found),
+        *_finding_sections(log, moments),
         picture(figures.path({name: run}, lines=figures.markings(log)), "Path"),
     ]
     if run["error_m"].notna().any():
@@ -46,7 +57,7 @@ def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10)
     sections.append("<h2>Missing</h2>")
     sections.append(_dropout_table(missing))
     page = write(Path(folder), title=name, sections=sections)
-    return Report(page=page, cycles=(run,), summary=found, dropouts=missing)
+    return Report(page=page, cycles=(run,), summary=found, dropouts=missing, findings=tuple(moments))
 
 
 def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | Path) -> Report:
@@ -66,12 +77,37 @@ def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | 
               [[str(len(apart)), f"{100.0 * apart['apart_m'].max():.2f} cm", f"{100.0 * apart['apart_m'].mean():.2f} cm"]]),
         picture(figures.path(both, lines=figures.markings(logs[0])), "Paths"),
     ]  # fmt: skip
+    if all(run["error_m"].notna().any() for run in runs) and len(apart):
+        sections.insert(2, _paired_table(*runs))
     if any(run["error_m"].notna().any() for run in runs):
         sections.append(picture(figures.errors(both), "Errors against truth"))
     sections.append(picture(figures.times(both), "Stages"))
     page = write(Path(folder), title=" and ".join(names), sections=sections)
     missing = pd.concat([dropouts(run).assign(run=name) for name, run in both.items()], ignore_index=True)
     return Report(page=page, cycles=runs, summary=found, dropouts=missing)
+
+
+def _finding_sections(log: Log, moments: list[Finding]) -> list[str]:
+    """The list of findings, and the images of the worst of them."""
+    if not moments:
+        return ["<h2>Findings</h2><p>none</p>"]
+    rows = [[each.kind, f"{each.start_s:.2f}", f"{each.stop_s:.2f}", each.sentence] for each in moments[:FINDINGS_MAX]]
+    more = f"<p>and {len(moments) - FINDINGS_MAX} more</p>" if len(moments) > FINDINGS_MAX else ""
+    worst = sorted(moments, key=lambda each: PICTURED.index(each.kind) if each.kind in PICTURED else len(PICTURED))
+    pictures = images_of(log, worst[:PICTURES_MAX])
+    return [
+        "<h2>Findings</h2>",
+        table(["", "from / s", "to / s", ""], rows) + more,
+        *(inline(png_bytes(image), each.sentence) for each, image in pictures.items()),
+    ]
+
+
+def _paired_table(first: pd.DataFrame, second: pd.DataFrame) -> str:
+    found = paired_difference(first, second)
+    cells = [f"{100.0 * found[name]:.2f} cm" for name in ("mean_first", "mean_second", "difference")]
+    interval = f"{100.0 * found['low']:.2f} to {100.0 * found['high']:.2f} cm"
+    head = ["Error on frames of one stamp: first", "second", "second less first", "95 % interval"]
+    return table(head, [[*cells, interval]])
 
 
 def _mode_table(run: pd.DataFrame) -> str:

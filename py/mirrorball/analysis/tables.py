@@ -34,9 +34,25 @@ CYCLE_COLUMNS = {
     "estimate_reason": "reason",
     "estimate_residual": "residual_m",
     "estimate_inlier_share": "inlier_share",
+    "estimate_gyro_bias": "gyro_bias_radps",
+    "estimate_latency": "latency_s",
+    "estimate_fit_residual": "fit_residual_m",
     "points_x_count": "line_points",
+    "seen_refused_u_px_count": "refused",
+    "seen_robots_count": "robots_seen",
+    "seen_goals_count": "goals_seen",
+    "world_robots_count": "robots_tracked",
+    "estimate_runners_up_count": "runners_up",
+    "seen_carpet_share": "carpet_share",
 }
-"""Names of a cycle's columns that are used most; the others keep the names of their messages."""
+"""Names of a cycle's columns that are used most; the others keep the names of their messages, with a unit."""
+
+UNITS = (
+    (re.compile(r".*velocity_[xy]$"), "_mps"),
+    (re.compile(r".*(ball|pose|on_field)_[xy]$"), "_m"),
+    (re.compile(r".*_theta$"), "_rad"),
+)
+"""Units of names that have none."""
 
 
 def as_log(log: Log | str | Path) -> Log:
@@ -45,18 +61,29 @@ def as_log(log: Log | str | Path) -> Log:
 
 
 def table(log: Log | str | Path, topic: str, *, start_s: float | None = None, stop_s: float | None = None) -> pd.DataFrame:
-    """One row a message of a topic; columns as in `Log.columns`."""
-    return pd.DataFrame(as_log(log).columns(topic, start_s=start_s, stop_s=stop_s))
+    """One row a message of a topic; columns as in `Log.columns`. Beside each quaternion stands its yaw, radians."""
+    found = pd.DataFrame(as_log(log).columns(topic, start_s=start_s, stop_s=stop_s))
+    for name in [name.removesuffix("_w") for name in found.columns if name.endswith(("orientation_w", "rotation_w"))]:
+        x, y, z, w = (found[f"{name}_{part}"] for part in "xyzw")
+        found[f"{name}_yaw_rad"] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return found
 
 
-def cycles(log: Log | str | Path, *, start_s: float | None = None, stop_s: float | None = None) -> pd.DataFrame:
+def cycles(
+    log: Log | str | Path, *, start_s: float | None = None, stop_s: float | None = None, counts: bool = False
+) -> pd.DataFrame:
     """One row a cycle: estimate, deviations, truth and errors (metres, radians; NaN where unknown), counts and times.
+
+    `counts` adds the length of every list of the message, as `…_count`; those of use have names of their own.
 
     A cycle holds no image: an hour at 30 Hz is 100,000 rows, some 50 MB, however large its log.
     """
     log = as_log(log)
     columns = log.columns("/cycle", elements=list(CYCLE_ELEMENTS), start_s=start_s, stop_s=stop_s)
     run = pd.DataFrame(columns).rename(columns=CYCLE_COLUMNS)
+    run = run.rename(columns={name: name + unit for name in run.columns for pattern, unit in UNITS if pattern.match(name)})
+    if not counts:
+        run = run.drop(columns=[name for name in run.columns if name.endswith("_count")])
     run["stamp_s"] = 1e-9 * run.pop("stamp_ns")
     return add_errors(run)
 

@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use clap::{Subcommand, ValueEnum};
-use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
@@ -123,7 +122,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let outcome = Python::attach(|py| {
         call_python(py, &args.command, json)
             .map(|text| println!("{text}"))
-            .map_err(|error| explain_error(py, &error))
+            .map_err(|error| python::explain_error(py, &error))
     });
     python::finish();
     outcome
@@ -179,24 +178,4 @@ fn call_python(py: Python<'_>, command: &MirrorCommand, json: bool) -> PyResult<
     let result = commands.getattr(name)?.call((design,), Some(&options))?;
     let formatter = if json { "as_json" } else { "as_text" };
     commands.getattr(formatter)?.call1((result,))?.extract()
-}
-
-/// Errors of the user become one line; other errors are bugs and print their traceback.
-fn explain_error(py: Python<'_>, error: &PyErr) -> anyhow::Error {
-    if error.is_instance_of::<PyKeyboardInterrupt>(py) {
-        return anyhow!("interrupted");
-    }
-    let value = error.value(py);
-    let attribute = |name: &str| value.getattr(name).ok().filter(|found| !found.is_none());
-    if error.is_instance_of::<PyOSError>(py)
-        && let (Some(file), Some(reason)) = (attribute("filename"), attribute("strerror"))
-    {
-        return anyhow!("cannot use {file}: {reason}");
-    }
-    let expected =
-        error.is_instance_of::<PyValueError>(py) || error.is_instance_of::<PyOSError>(py);
-    if !expected {
-        python::print_traceback(py, error);
-    }
-    anyhow!("{value}")
 }

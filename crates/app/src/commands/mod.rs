@@ -13,5 +13,7 @@ pub(crate) mod record;
 pub(crate) mod recover;
 pub(crate) mod replay;
 #[cfg(feature = "python")]
+pub(crate) mod report;
+#[cfg(feature = "python")]
 pub(crate) mod script;
 pub(crate) mod sim;

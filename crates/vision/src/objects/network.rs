@@ -286,6 +286,25 @@ mod tests {
         assert!(plain < 0.2, "carpet: {plain}");
     }
 
+    /// Input that `reference_outputs` of py/training/networks.py takes.
+    fn reference_input<const N: usize>() -> [f32; N] {
+        std::array::from_fn(|index| ((index * 37 % 101) as f64 / 50.0 - 1.0) as f32)
+    }
+
+    #[test]
+    fn inference_gives_what_training_computed() {
+        let mut outputs = vec![NETWORKS.ball_coarse.log_odds(&reference_input())];
+        outputs.extend(NETWORKS.ball.evaluate(&reference_input()));
+        outputs.push(NETWORKS.obstacle_coarse.log_odds(&reference_input()));
+        outputs.extend(NETWORKS.obstacle.evaluate(&reference_input()));
+        let expected = include_str!("objects.reference").lines();
+        let expected: Vec<f32> = expected.map(|line| line.parse().unwrap()).collect();
+        assert_eq!(outputs.len(), expected.len());
+        for (output, expected) in outputs.iter().zip(&expected) {
+            assert!((output - expected).abs() < 1e-3, "{outputs:?} {expected}");
+        }
+    }
+
     #[test]
     fn probabilities_of_exclusive_classes_sum_to_one() {
         let shares = softmax([1.0, -2.0, 30.0]);

@@ -13,8 +13,8 @@ use crate::image::ImageView;
 use crate::objects::network::{NETWORKS, softmax};
 use crate::objects::own_parts::OwnParts;
 use crate::objects::patch::{
-    CoarsePixels, PatchFrame, PatchKind, coarse_pixels, logarithms, normalize_coarse_patch,
-    normalize_patch, obstacle_row_step, read_coarse_patch, read_patch,
+    COARSE_SAMPLES, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, logarithms,
+    normalize_coarse_patch, normalize_patch, obstacle_row_step, read_coarse_patch, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
@@ -50,7 +50,6 @@ struct FootPlace {
     below: [[u16; 2]; 2],
     above: [[u16; 2]; 2],
     beyond_line: [u16; 2],
-    coarse: CoarsePixels,
 }
 
 /// Places of one distance.
@@ -65,6 +64,8 @@ struct GridRow {
 pub(crate) struct ObstacleGrid {
     /// Row by row outward, evenly around the axis; None outside the image.
     places: Vec<Option<FootPlace>>,
+    /// Pixels of each place's coarse patch; apart, since few places come so far.
+    coarse: Vec<CoarsePixels>,
     rows: Vec<GridRow>,
     angles: ViewAngles,
     own_parts: OwnParts,
@@ -119,7 +120,6 @@ impl ObstacleGrid {
                 if !is_visible(usize::from(foot[0]), usize::from(foot[1])) {
                     return None;
                 }
-                let frame = PatchFrame::obstacle(range, azimuth, angles.height);
                 let above = [at(EDGE_ROWS[0])?, at(EDGE_ROWS[1])?];
                 Some(FootPlace {
                     range,
@@ -128,13 +128,19 @@ impl ObstacleGrid {
                     above,
                     // Outside the image nothing contradicts.
                     beyond_line: at(BEYOND_LINE_ROW).unwrap_or(above[1]),
-                    coarse: coarse_pixels(angles, &frame, size_px),
                 })
             }));
             view_angle += STEP_ALONG / math::hypot(range, angles.height);
         }
+        let coarse = |place: &Option<FootPlace>| {
+            place.map_or([[0; 2]; COARSE_SAMPLES], |place| {
+                let frame = PatchFrame::obstacle(place.range, place.azimuth, angles.height);
+                coarse_pixels(angles, &frame, size_px)
+            })
+        };
         ObstacleGrid {
             own_parts: OwnParts::new(places.len()),
+            coarse: places.iter().map(coarse).collect(),
             places,
             rows,
             angles: angles.clone(),
@@ -184,7 +190,7 @@ impl ObstacleGrid {
                 {
                     continue;
                 }
-                let colours = read_coarse_patch(image, &place.coarse);
+                let colours = read_coarse_patch(image, &self.coarse[index]);
                 let log_odds = NETWORKS
                     .obstacle_coarse
                     .log_odds(&normalize_coarse_patch(PatchKind::Obstacle, &colours));

@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use localize::math;
 
-use crate::image::ImageView;
+use crate::image::{ImageView, PixelFormat};
 use crate::objects::view_angles::ViewAngles;
 
 /// Samples of a patch's side.
@@ -192,8 +192,22 @@ pub(crate) fn coarse_pixels(
     pixels
 }
 
-/// Samples of a ball's coarse patch that show the floor before and beside it.
+/// Samples of a patch that show the floor before and beside a ball, and before an obstacle; of a coarse patch likewise.
+const BALL_FLOOR: [usize; 32] = [
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 35,
+    36, 47, 48, 59, 60, 71,
+];
+const OBSTACLE_FLOOR: [usize; FOOT_ROW as usize * SIDE] = {
+    let mut samples = [0; FOOT_ROW as usize * SIDE];
+    let mut index = 0;
+    while index < samples.len() {
+        samples[index] = index;
+        index += 1;
+    }
+    samples
+};
 const COARSE_FLOOR: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 11, 12, 17];
+const COARSE_OBSTACLE_FLOOR: [usize; 12] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11];
 /// Samples of a coarse patch nearest its origin.
 const COARSE_INNER: [usize; 4] = [14, 15, 20, 21];
 
@@ -212,10 +226,19 @@ fn inside<const N: usize>(pixels: [[u16; 2]; N]) -> impl Iterator<Item = [u16; 2
 }
 
 /// Reads a coarse patch.
+#[inline]
 pub(crate) fn read_coarse_patch(
     image: &ImageView<'_>,
     pixels: &CoarsePixels,
 ) -> [Option<[u8; 3]>; COARSE_SAMPLES] {
+    if image.format == PixelFormat::Rgb8 {
+        // A pixel outside the image lies behind the end of the data, so one comparison suffices.
+        return pixels.map(|[u, v]| {
+            let start = usize::from(v) * image.stride + 3 * usize::from(u);
+            let bytes = image.data.get(start..start + 3)?;
+            Some([bytes[0], bytes[1], bytes[2]])
+        });
+    }
     pixels.map(|pixel| {
         let [u, v] = pixel.map(usize::from);
         (pixel != OUTSIDE).then(|| image.rgb(u, v))
@@ -247,16 +270,6 @@ pub(crate) enum PatchKind {
     Obstacle,
 }
 
-impl PatchKind {
-    /// True if a sample belongs to the floor before the candidate.
-    fn is_floor(self, row: usize, column: usize) -> bool {
-        match self {
-            PatchKind::Ball => row < 2 || row < SIDE / 2 && (column == 0 || column == SIDE - 1),
-            PatchKind::Obstacle => row < FOOT_ROW as usize,
-        }
-    }
-}
-
 /// Room for the floor's samples of a full and of a coarse patch: whole vector registers of bytes.
 const FLOOR_ROOM: usize = 64;
 const COARSE_FLOOR_ROOM: usize = 16;
@@ -266,7 +279,10 @@ pub(crate) fn normalize_patch(
     kind: PatchKind,
     colours: &PatchColours,
 ) -> [f32; CHANNELS * SAMPLES] {
-    let floor = |index: usize| kind.is_floor(index / SIDE, index % SIDE);
+    let floor: &[usize] = match kind {
+        PatchKind::Ball => &BALL_FLOOR,
+        PatchKind::Obstacle => &OBSTACLE_FLOOR,
+    };
     normalize::<SAMPLES, _, FLOOR_ROOM>(kind, colours, floor)
 }
 
@@ -275,8 +291,10 @@ pub(crate) fn normalize_coarse_patch(
     kind: PatchKind,
     colours: &[Option<[u8; 3]>; COARSE_SAMPLES],
 ) -> [f32; CHANNELS * COARSE_SAMPLES] {
-    let side = COARSE.len();
-    let floor = |index: usize| kind.is_floor(COARSE[index / side], COARSE[index % side]);
+    let floor: &[usize] = match kind {
+        PatchKind::Ball => &COARSE_FLOOR,
+        PatchKind::Obstacle => &COARSE_OBSTACLE_FLOOR,
+    };
     normalize::<COARSE_SAMPLES, _, COARSE_FLOOR_ROOM>(kind, colours, floor)
 }
 
@@ -284,12 +302,9 @@ pub(crate) fn normalize_coarse_patch(
 fn normalize<const N: usize, const M: usize, const ROOM: usize>(
     kind: PatchKind,
     colours: &[Option<[u8; 3]>; N],
-    is_floor: impl Fn(usize) -> bool,
+    floor: &[usize],
 ) -> [f32; M] {
     let logarithms = logarithms();
-    // Free places hold the largest level, which no median counts.
-    let mut floor = [[u8::MAX; ROOM]; 3];
-    let mut count = 0;
     // One array for each channel, so that the arithmetic below is vectorised.
     let mut logs = [[0.0f32; N]; 3];
     let mut known = [1.0f32; N];
@@ -301,14 +316,16 @@ fn normalize<const N: usize, const M: usize, const ROOM: usize>(
         if kind == PatchKind::Obstacle && colour.is_none() {
             known[index] = 0.0;
         }
-        if is_floor(index) {
-            for channel in 0..3 {
-                floor[channel][count] = rgb[channel];
-            }
-            count += 1;
+    }
+    // Free places hold the largest level, which no median counts.
+    let mut levels = [[u8::MAX; ROOM]; 3];
+    for (place, &index) in floor.iter().enumerate() {
+        let rgb = colours[index].unwrap_or([0; 3]);
+        for channel in 0..3 {
+            levels[channel][place] = rgb[channel];
         }
     }
-    let reference = floor.map(|levels| median_logarithm(&levels, count));
+    let reference = levels.map(|levels| median_logarithm(&levels, floor.len()));
     let reference_range = range(reference);
     let mut input = [0.0; M];
     let [reds, greens, blues] = &logs;
@@ -366,6 +383,16 @@ fn median_logarithm<const ROOM: usize>(levels: &[u8; ROOM], count: usize) -> f32
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl PatchKind {
+        /// True if a sample belongs to the floor before the candidate.
+        fn is_floor(self, row: usize, column: usize) -> bool {
+            match self {
+                PatchKind::Ball => row < 2 || row < SIDE / 2 && (column == 0 || column == SIDE - 1),
+                PatchKind::Obstacle => row < FOOT_ROW as usize,
+            }
+        }
+    }
 
     /// A disc of one colour on a floor of another.
     fn disc(floor: [u8; 3], ball: [u8; 3]) -> PatchColours {
@@ -426,18 +453,39 @@ mod tests {
     }
 
     #[test]
-    fn listed_samples_of_a_coarse_patch_are_its_floor_and_its_middle() {
+    fn listed_samples_of_a_patch_are_its_floor_and_its_middle() {
+        let full: Vec<(usize, usize)> = (0..SAMPLES).map(|i| (i / SIDE, i % SIDE)).collect();
         let side = COARSE.len();
-        let place = |index: usize| (COARSE[index / side], COARSE[index % side]);
-        let floor: Vec<usize> = (0..COARSE_SAMPLES)
-            .filter(|&index| PatchKind::Ball.is_floor(place(index).0, place(index).1))
-            .collect();
-        assert_eq!(floor, COARSE_FLOOR);
-        let middle = SIDE as f32 / 2.0 - 0.5;
-        let far = |at: usize| (at as f32 - middle).abs() > 2.0;
+        let coarse = (0..COARSE_SAMPLES).map(|i| (COARSE[i / side], COARSE[i % side]));
+        let coarse: Vec<(usize, usize)> = coarse.collect();
+        let floor = |kind: PatchKind, places: &[(usize, usize)]| -> Vec<usize> {
+            let is_floor = |&index: &usize| kind.is_floor(places[index].0, places[index].1);
+            (0..places.len()).filter(is_floor).collect()
+        };
+        assert_eq!(floor(PatchKind::Ball, &full), BALL_FLOOR);
+        assert_eq!(floor(PatchKind::Obstacle, &full), OBSTACLE_FLOOR);
+        assert_eq!(floor(PatchKind::Ball, &coarse), COARSE_FLOOR);
+        assert_eq!(floor(PatchKind::Obstacle, &coarse), COARSE_OBSTACLE_FLOOR);
+        let near = |at: usize| (at as f32 - (SIDE - 1) as f32 / 2.0).abs() < 2.0;
         let inner: Vec<usize> = (0..COARSE_SAMPLES)
-            .filter(|&index| !far(place(index).0) && !far(place(index).1))
+            .filter(|&index| near(coarse[index].0) && near(coarse[index].1))
             .collect();
         assert_eq!(inner, COARSE_INNER);
+    }
+
+    #[test]
+    fn pixels_outside_an_image_are_none_in_every_format() {
+        let mut pixels = [OUTSIDE; COARSE_SAMPLES];
+        pixels[1] = [3, 1];
+        let data: Vec<u8> = (0..4 * 2 * 3).collect();
+        for format in [PixelFormat::Rgb8, PixelFormat::Bgr8] {
+            let read = read_coarse_patch(&ImageView::packed(4, 2, format, &data), &pixels);
+            let expected = match format {
+                PixelFormat::Rgb8 => [21, 22, 23],
+                _ => [23, 22, 21],
+            };
+            assert_eq!(read[1], Some(expected));
+            assert!(read[0].is_none() && read[2].is_none());
+        }
     }
 }

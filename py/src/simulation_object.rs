@@ -1,0 +1,230 @@
+//! A running scenario in Python: its samples one by one, its wheels under the caller's control.
+
+use std::path::PathBuf;
+
+use localize::Pose;
+use localize::frames::At;
+use localize::omni::Twist;
+use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
+use pipeline::sample::{GroundTruth, ImageContent, Sample, SourceImage};
+use pyo3::IntoPyObjectExt;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::arguments::{finite, overrides};
+use crate::cycle::Cycle;
+use crate::errors;
+use crate::robot_pipeline::Pipeline;
+
+/// A running scenario.
+#[pyclass(module = "mirrorball._core")]
+pub(crate) struct Simulation(pipeline::simulation::Simulation);
+
+#[pymethods]
+impl Simulation {
+    #[new]
+    #[pyo3(signature = (scenario, *, seed=None, duration_s=None, change=None, images=true))]
+    fn new(
+        py: Python<'_>,
+        scenario: PathBuf,
+        seed: Option<u64>,
+        duration_s: Option<f64>,
+        change: Option<&Bound<'_, PyDict>>,
+        images: bool,
+    ) -> PyResult<Self> {
+        let changes = overrides(change)?;
+        let loaded = py.detach(|| {
+            pipeline::simulation::Simulation::with_overrides(&scenario, &changes, seed, duration_s)
+        });
+        let simulation = loaded.map_err(|error| errors::from_anyhow(&error))?;
+        Ok(Simulation(if images {
+            simulation
+        } else {
+            simulation.without_images()
+        }))
+    }
+
+    /// Length of the run, seconds.
+    #[getter]
+    fn duration_s(&self) -> f64 {
+        self.0.duration()
+    }
+
+    /// Seconds since the start.
+    #[getter]
+    fn time_s(&self) -> f64 {
+        self.0.sim().time()
+    }
+
+    /// Name and numbers of the next sample: ("odometry", stamp_s, …). Also beyond the end of the run.
+    fn next_sample<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let sample = py.detach(|| self.0.next_sample());
+        sample_tuple(py, sample)
+    }
+
+    /// Drives with this velocity: forward, left (m/s), turn (rad/s). None: along the scenario's path.
+    fn command(&mut self, velocity: Option<[f32; 3]>) -> PyResult<()> {
+        let velocity = velocity.map(|velocity| finite("velocity", velocity));
+        let twist = velocity
+            .transpose()?
+            .map(|[x, y, theta]| Twist { x, y, theta });
+        self.0.sim_mut().set_command(twist);
+        Ok(())
+    }
+
+    /// Moves the robot to a pose, at rest.
+    fn kidnap(&mut self, pose: [f32; 3]) -> PyResult<()> {
+        let [x, y, theta] = finite("pose", pose)?;
+        self.0.sim_mut().kidnap(Pose::new(x, y, theta));
+        Ok(())
+    }
+
+    /// Pushes the robot: an impulse on the field, N s.
+    fn push(&mut self, impulse: [f32; 2]) -> PyResult<()> {
+        let impulse = finite("impulse", impulse)?;
+        self.0.sim_mut().apply_impulse(impulse);
+        Ok(())
+    }
+
+    /// Places the ball on the field (metres) with a velocity (m/s).
+    fn place_ball(&mut self, position: [f32; 2], velocity: [f32; 2]) -> PyResult<()> {
+        let [x, y] = finite("position", position)?;
+        let velocity = finite("velocity", velocity)?;
+        self.0.sim_mut().place_ball(At::new(x, y), velocity);
+        Ok(())
+    }
+
+    /// Moves another robot to a pose, at rest; `index` as in the truth.
+    fn place_robot(&mut self, index: usize, pose: [f32; 3]) -> PyResult<()> {
+        let [x, y, theta] = finite("pose", pose)?;
+        let count = self.0.sim().truth().others.len();
+        if index >= count {
+            return Err(PyValueError::new_err(format!(
+                "invalid index: {index} (expected less than {count}, the number of robots)"
+            )));
+        }
+        self.0.sim_mut().place_other(index, Pose::new(x, y, theta));
+        Ok(())
+    }
+
+    /// Light on the field in place of the scenario's, 1 = normal. None: the scenario's again.
+    fn set_light(&mut self, level: Option<f32>) -> PyResult<()> {
+        if level.is_some_and(|level| !(0.0..=100.0).contains(&level)) {
+            return Err(PyValueError::new_err(format!(
+                "invalid level: {level:?} (expected 0 to 100)"
+            )));
+        }
+        self.0.sim_mut().set_light_level(level);
+        Ok(())
+    }
+
+    /// Exposure and gain of the camera from the next image on.
+    fn set_camera(&mut self, exposure: f32, gain: f32) -> PyResult<()> {
+        let [exposure, gain] = finite("exposure, gain", [exposure, gain])?;
+        if exposure <= 0.0 || gain <= 0.0 {
+            return Err(PyValueError::new_err(format!(
+                "invalid exposure, gain: {exposure}, {gain} (expected positive numbers)"
+            )));
+        }
+        self.0.set_camera(exposure, gain);
+        Ok(())
+    }
+
+    /// Sets the camera as the exposure control of a cycle's pipeline asks, with the delay of a real camera.
+    fn apply_camera_command(&mut self, cycle: &Cycle) {
+        if let Some(command) = cycle.0.camera_command() {
+            self.0.command_camera(command);
+        }
+    }
+
+    /// The pipeline of the simulated robot.
+    #[pyo3(signature = (*, preset="default", config=None))]
+    fn pipeline(
+        &self,
+        py: Python<'_>,
+        preset: &str,
+        config: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Pipeline> {
+        let setup = self
+            .0
+            .setup()
+            .map_err(|error| errors::from_anyhow(&error))?;
+        Pipeline::from_setup(py, &setup, preset, config)
+    }
+}
+
+fn sample_tuple<'py>(py: Python<'py>, sample: Sample) -> PyResult<Bound<'py, PyAny>> {
+    match sample {
+        Sample::Odometry(odometry) => (
+            "odometry",
+            odometry.stamp.seconds(),
+            (odometry.dx, odometry.dy, odometry.dtheta),
+        )
+            .into_bound_py_any(py),
+        Sample::Imu(imu) => (
+            "imu",
+            imu.stamp.seconds(),
+            imu.specific_force,
+            imu.angular_velocity,
+        )
+            .into_bound_py_any(py),
+        Sample::Compass(compass) => (
+            "compass",
+            compass.stamp.seconds(),
+            compass.heading,
+            compass.magnetic_field,
+        )
+            .into_bound_py_any(py),
+        Sample::Command(command) => (
+            "command",
+            command.stamp.seconds(),
+            (command.twist.x, command.twist.y, command.twist.theta),
+        )
+            .into_bound_py_any(py),
+        Sample::GroundTruth(truth) => truth_tuple(py, &truth),
+        Sample::Image(image) => {
+            let ImageContent::Pixels(pixels) = image.content else {
+                return Err(PyValueError::new_err("an image without pixels"));
+            };
+            let stamp_s = image.stamp.seconds();
+            ("image", stamp_s, bgr_array(py, &pixels)?).into_bound_py_any(py)
+        }
+        Sample::TeamReport(_) | Sample::Settings(_) => {
+            Err(PyValueError::new_err("not a sample of a simulated sensor"))
+        }
+    }
+}
+
+fn truth_tuple<'py>(py: Python<'py>, truth: &GroundTruth) -> PyResult<Bound<'py, PyAny>> {
+    let robots: Vec<[f32; 3]> = truth
+        .robots
+        .iter()
+        .zip(&truth.robot_headings)
+        .map(|(at, heading)| [at.x, at.y, *heading])
+        .collect();
+    let people: Vec<[f32; 2]> = truth.people.iter().map(|at| [at.x, at.y]).collect();
+    let pose = truth.pose;
+    (
+        "truth",
+        truth.stamp.seconds(),
+        (pose.x, pose.y, pose.theta),
+        truth.ball.map(|ball| (ball.x, ball.y)),
+        robots,
+        people,
+    )
+        .into_bound_py_any(py)
+}
+
+/// The image as OpenCV has it: rows × columns × (blue, green, red).
+fn bgr_array<'py>(py: Python<'py>, image: &SourceImage) -> PyResult<Bound<'py, PyArray3<u8>>> {
+    let rgb = image
+        .to_rgb()
+        .ok_or_else(|| PyValueError::new_err("a truncated image"))?;
+    let shape = [rgb.height_px, rgb.width_px, 3];
+    let bgr: Vec<u8> = py.detach(|| {
+        let pixels = rgb.rgb.chunks_exact(3);
+        pixels.flat_map(|rgb| [rgb[2], rgb[1], rgb[0]]).collect()
+    });
+    bgr.into_pyarray(py).reshape(shape)
+}

@@ -1,0 +1,48 @@
+"""Gymnasium's own check of the environments, and what their numbers mean."""
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from mirrorball.gym import DriveToBall
+
+SCENARIO = Path(__file__).parents[1] / "config/scenarios/demo.toml"
+
+
+# The world has no bounds that a space could state, and the check warns of that.
+@pytest.mark.filterwarnings("ignore:.*A Box observation space m(in|ax)imum value is.*:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*render method.*:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*no render fps.*:UserWarning")
+@pytest.mark.parametrize("observe", ["truth", "estimate", "image"])
+def test_environment_passes_gymnasiums_check(observe: Literal["truth", "estimate", "image"]) -> None:
+    check_env(DriveToBall(SCENARIO, observe=observe, duration_s=2.0), skip_render_check=True)
+
+
+def test_robot_that_drives_towards_the_ball_arrives_and_gains_its_distance() -> None:
+    env = DriveToBall(SCENARIO, change={"others.opponents": 0, "others.mates": 0})
+    observation, _ = env.reset(seed=3)
+    start = float(np.hypot(*observation[4:6]))
+    gained, terminated, truncated = 0.0, False, False
+    while not (terminated or truncated):
+        forward, left = observation[4:6]
+        toward = np.array([forward, left]) / np.hypot(forward, left)
+        observation, reward, terminated, truncated, info = env.step(np.array([*toward, 0.0], dtype=np.float32))
+        gained += reward
+    assert terminated
+    assert start - gained < DriveToBall.reach_m
+    assert info["ball"] is not None
+
+
+def test_estimate_agrees_with_truth_once_the_robot_knows_its_place() -> None:
+    env = DriveToBall(SCENARIO, observe="estimate")
+    observation, info = env.reset(seed=2)
+    for _ in range(40):
+        observation, _, _, _, info = env.step(np.array([0.3, 0.0, 0.1], dtype=np.float32))
+    assert observation[6] == 1.0
+    x, y, theta = info["pose"]
+    # Up to the half turn that a symmetric field allows.
+    side = 1.0 if np.hypot(observation[0] - x, observation[1] - y) < 1.0 else -1.0
+    assert observation[:4] == pytest.approx(np.array([x, y, np.cos(theta), np.sin(theta)]) * side, abs=0.1)
