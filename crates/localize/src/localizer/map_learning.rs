@@ -42,10 +42,16 @@ impl Localizer {
         self.map_correction.as_deref()
     }
 
-    /// Corrects the points of an image.
+    /// Corrects the points of an image. Without wheels images are single, nothing is learned from them, and the map counts
+    /// as given.
     pub(super) fn correct_line_points(&mut self, points: &mut [LinePoint]) {
+        let moves = self.last_odometry.is_some();
         if let Some(map) = &mut self.map_correction {
-            map.correct(points);
+            if moves {
+                map.correct(points);
+            } else {
+                map.skip_image();
+            }
         }
     }
 

@@ -48,6 +48,11 @@ impl MapCorrection {
         }
     }
 
+    /// An image that the map's correction leaves as it is.
+    pub fn skip_image(&mut self) {
+        self.points.clear();
+    }
+
     fn single_coefficients(&self) -> [f32; TERMS_MAX] {
         std::array::from_fn(|k| self.applied[k] as f32)
     }
