@@ -70,16 +70,15 @@ def test_script_exit_status_becomes_command_exit_status(text: str, code: int, wo
 
 
 def test_sigint_ends_script_without_traceback(tmp_path: Path) -> None:
-    script = written(tmp_path, "import time\nprint('up', flush=True)\ntime.sleep(60)\n")
+    script = written(tmp_path, "import time\nprint('up', flush=True)\ntime.sleep(600)\n")
     with subprocess.Popen([PROGRAM, "script", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                           env={**os.environ, "VIRTUAL_ENV": sys.prefix}) as running:  # fmt: skip
         assert running.stdout is not None
         assert running.stdout.readline() == "up\n"
-        begin = time.monotonic()
         running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=30)
+        # Long before the script would end by itself.
+        _, errors = running.communicate(timeout=60)
     assert running.returncode == 1 and errors.strip() == "mirrorball: interrupted"
-    assert time.monotonic() - begin < 30
 
 
 def test_missing_interpreter_is_reported_with_its_path(tmp_path: Path) -> None:

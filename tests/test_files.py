@@ -167,7 +167,7 @@ def test_log_after_a_full_disk_takes_a_free_name_and_verifies_from_the_state_tha
     earlier.write_text("of an earlier run")
     with socket.socket(type=socket.SOCK_DGRAM) as states:
         states.bind(("127.0.0.1", 0))
-        states.settimeout(30)
+        states.settimeout(60)
         network = tmp_path / "outputs.toml"
         network.write_text(f'[[outputs]]\nto = "127.0.0.1:{states.getsockname()[1]}"\nformat = "json"\n')
         sim = subprocess.Popen(
@@ -175,7 +175,7 @@ def test_log_after_a_full_disk_takes_a_free_name_and_verifies_from_the_state_tha
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        until = time.monotonic() + 30
+        until = time.monotonic() + 60
         while not (robot / "hardware.toml").exists():
             assert time.monotonic() < until
             time.sleep(0.02)

@@ -1,11 +1,13 @@
 """Does `mirrorball run` run the simulated robot through its real wire formats? The virtual hardware."""
 
+import contextlib
 import csv
 import hmac
 import json
 import math
 import os
 import pty
+import random
 import signal
 import socket
 import subprocess
@@ -30,7 +32,7 @@ def start(*arguments: object, **options: Any) -> subprocess.Popen[str]:
 
 
 def wait_for(path: Path) -> None:
-    until = time.monotonic() + 30
+    until = time.monotonic() + 60
     while not path.exists():
         assert time.monotonic() < until, path
         time.sleep(0.02)
@@ -48,7 +50,7 @@ class StateOutput:
     def __init__(self, folder: Path) -> None:
         self.socket = socket.socket(type=socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(30)
+        self.socket.settimeout(60)
         self.network = folder / "outputs.toml"
         port = self.socket.getsockname()[1]
         self.network.write_text(f'[[outputs]]\nto = "127.0.0.1:{port}"\nformat = "json"\n')
@@ -156,11 +158,11 @@ def test_doctor_finds_no_problem_of_a_running_robot(tmp_path: Path) -> None:
 
 def test_invalid_robot_folder_is_reported_in_one_line(tmp_path: Path) -> None:
     run = start("run", "--robot", tmp_path / "nothing")
-    _, err = run.communicate(timeout=30)
+    _, err = run.communicate(timeout=60)
     assert run.returncode == 1 and len(err.splitlines()) == 1 and "hardware.toml" in err
     for arguments, code in [(["run"], 2), (["run", "--list"], 0)]:
         process = start(*arguments)
-        process.communicate(timeout=30)
+        process.communicate(timeout=60)
         assert process.returncode == code
 
 
@@ -193,10 +195,13 @@ def test_key_drives_until_its_hold_time_ends(tmp_path: Path, states: StateOutput
 
 
 def free_port() -> int:
-    with socket.socket(type=socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port: int = free.getsockname()[1]
-        return port
+    """A port of the loopback that is free for TCP and UDP. The system gives none of this range to others meanwhile."""
+    while True:
+        port = random.randrange(15_000, 32_000)
+        with socket.socket() as stream, socket.socket(type=socket.SOCK_DGRAM) as datagrams, contextlib.suppress(OSError):
+            stream.bind(("127.0.0.1", port))
+            datagrams.bind(("127.0.0.1", port))
+            return port
 
 
 class Program:
@@ -207,7 +212,7 @@ class Program:
     def __init__(self, folder: Path) -> None:
         self.states = socket.socket(type=socket.SOCK_DGRAM)
         self.states.bind(("127.0.0.1", 0))
-        self.states.settimeout(30)
+        self.states.settimeout(60)
         self.out = socket.socket(type=socket.SOCK_DGRAM)
         self.address = ("127.0.0.1", free_port())
         self.session = time.time_ns()

@@ -119,7 +119,7 @@ def test_interrupted_simulation_leaves_a_complete_log(tmp_path: Path) -> None:
             time.sleep(0.05)
         time.sleep(1.0)
         running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=30)
+        _, errors = running.communicate(timeout=60)
     assert "KeyboardInterrupt" in errors
     assert Log(tmp_path / "game.mcap").complete
 

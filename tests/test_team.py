@@ -72,14 +72,14 @@ class Team:
 
     def __init__(self, network: Path) -> None:
         # The address of the group is shared by all tests of the machine, so the port decides.
-        self.port = random.randrange(20_000, 60_000)
+        self.port = random.randrange(15_000, 32_000)
         loopback = socket.inet_aton("127.0.0.1")
         self.socket = socket.socket(type=socket.SOCK_DGRAM)
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self.socket.bind((GROUP, self.port))
         self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(GROUP) + loopback)
         self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
-        self.socket.settimeout(30)
+        self.socket.settimeout(60)
         self.session = time.time_ns()
         team = f'\n[team]\ngroup = "{GROUP}:{self.port}"\nrobot = 1\nmembers = [1, 2, 3]\n'
         network.write_text(network.read_text() + team)

@@ -89,6 +89,7 @@ class Localizer(_Sensors):
         >>> loc.odometry(0.03, [0.01, 0.0, 0.0])
         >>> loc.points(0.03, [[1.0, 2.0], [1.5, 2.0]]).mode
         'lost'
+
     """
 
     def __init__(self, *, field: Field | str | PathLike[str], config: Config | None = None, preset: str = "default") -> None:

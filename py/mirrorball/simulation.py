@@ -163,6 +163,7 @@ class Simulation:
         ...     if cycle := pipeline.process(sample):
         ...         simulation.apply_camera_command(cycle)
         ...         print(cycle.pose)
+
     """
 
     def __init__(

@@ -5,7 +5,7 @@ use nalgebra::Matrix3;
 use crate::frames::Pose;
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::map_correction::MapCorrectionEstimate;
-use crate::omni::Twist;
+use crate::omni::{Twist, UNCORRECTED_MOTION};
 use crate::stamp::Stamp;
 
 /// How an image's pose was found.
@@ -87,6 +87,8 @@ pub struct Estimate {
     pub half_known: bool,
     /// Estimated true over measured motion of the wheels: translation, rotation.
     pub odometry_scales: [f32; 2],
+    /// Estimated matrix from the measured motion (x, y, θ) of the wheels to the true one: 1, m/rad, rad/m.
+    pub odometry_correction: [[f32; 3]; 3],
     /// Estimated velocity, robot frame. None when lost.
     pub twist: Option<Twist>,
     /// Are wheel samples skipped because of a collision or of slip?
@@ -119,6 +121,7 @@ impl Estimate {
             tilt: [0.0; 2],
             half_known: true,
             odometry_scales: [1.0; 2],
+            odometry_correction: UNCORRECTED_MOTION,
             twist: None,
             collision: false,
             gyro_bias: 0.0,
@@ -143,6 +146,7 @@ impl Estimate {
             tilt: [0.0; 2],
             half_known: false,
             odometry_scales: [1.0; 2],
+            odometry_correction: UNCORRECTED_MOTION,
             twist: None,
             collision: false,
             gyro_bias: 0.0,

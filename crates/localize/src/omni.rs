@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, Matrix3};
 
 use crate::math;
 
-pub use crate::twist::Twist;
+pub use crate::twist::{Twist, UNCORRECTED_MOTION};
 
 /// Why a wheel layout is refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

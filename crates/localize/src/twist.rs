@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 use crate::math;
 use crate::stamp::Stamp;
 
+/// Correction of wheels that measure the true motion: rows of the matrix from the measured (x, y, θ) to the true one.
+pub const UNCORRECTED_MOTION: [[f32; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
 /// Velocity of the robot, or its motion in a given time (robot frame).
 #[derive(
     Debug,

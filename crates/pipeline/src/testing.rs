@@ -286,6 +286,7 @@ impl RandomValues {
             tilt: self.values(),
             half_known: number.is_multiple_of(2),
             odometry_scales: self.values(),
+            odometry_correction: [self.values(), self.values(), self.values()],
             twist: (!lost).then(|| Twist {
                 x: self.value(),
                 y: self.value(),

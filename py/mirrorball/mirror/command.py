@@ -22,6 +22,13 @@ from mirrorball.mirror.reporting import report as write_report
 
 Result = dict[str, Any]
 
+ASSUMPTIONS = (
+    "a pinhole camera without distortion that looks straight up along the mirror's axis",
+    "a mirror of revolution, reflecting on its outer surface",
+    "an upright robot on a flat floor",
+)
+"""What every design supposes; docs/calibration.md measures what a robot really has."""
+
 WRITERS: dict[str, Callable[[Mirror, Path], Export]] = {
     "csv": write_csv,
     "dxf": write_dxf,
@@ -127,7 +134,9 @@ def as_text(result: Result) -> str:
 def _format_value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
-    if isinstance(value, list):
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_format_value(entry)}" for name, entry in value.items())
+    if isinstance(value, (list, tuple)):
         return ", ".join(_format_value(entry) for entry in value) or "none"
     return "–" if value is None else str(value)
 
@@ -145,20 +154,36 @@ def _round_or_none(value: float) -> float | None:
 def _design_summary(plan: DesignSpec, judged: OpticalAnalysis) -> Result:
     mirror = plan.mirror
     views = iter(judged.views)
+    apex_m = float(mirror.segments[0].height(np.zeros(1))[0])
+    camera = plan.camera
     parts = []
     for segment in mirror.segments:
         view = next(views) if segment.reflects else None
+        ends_m, tangents = segment.height(np.array([segment.t_from, segment.t_to])), segment.end()[1]
         parts.append(
             {
                 "part": segment.part,
                 "until_t": segment.t_to,
                 "until_radius_m": segment.t_to * segment.end()[0],
+                "above_apex_m": round(float(ends_m[0] - apex_m), 6),
+                "until_above_apex_m": round(float(ends_m[1] - apex_m), 6),
+                "surface_angle_at_end_deg": round(math.degrees(math.atan(tangents)), 4),
                 "ground_from_m": None if view is None else _round_or_none(view.ground_m[0]),
                 "ground_to_m": None if view is None else _round_or_none(view.ground_m[-1]),
             }
         )
     result: Result = {
         "mirror": mirror.name,
+        "assumes": ASSUMPTIONS,
+        "camera": {
+            "image_px": f"{camera.width_px} × {camera.height_px}",
+            "focal_px": camera.focal_px,
+            "pinhole_height_m": mirror.pinhole_height_m,
+            "rim_radius_px": round(mirror.t_max * camera.focal_px, 2),
+        },
+        "apex_above_pinhole_m": round(apex_m, 6),
+        "apex_above_ground_m": round(apex_m + mirror.pinhole_height_m, 6),
+        "rim_above_ground_m": round(mirror.segments[-1].end()[0] + mirror.pinhole_height_m, 6),
         "diameter_m": 2.0 * mirror.radius_m,
         "smallest_curvature_radius_m": _round_or_none(judged.smallest_curvature_radius_m),
         "blind_m": [f"{low:.3f} to {high:.3f}" for low, high in judged.blind_m],

@@ -28,7 +28,7 @@ use pipeline::datagram::message::{
 use pipeline::feed::Feed;
 use pipeline::testing::random_cycle;
 
-const TIMEOUT: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(60);
 const IDENTITY: RobotIdentity = RobotIdentity { robot: 4, boot: 77 };
 const SHARED_KEY: &str = "a shared phrase";
 

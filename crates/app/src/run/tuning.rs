@@ -8,7 +8,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, bail, ensure};
 use pipeline::config::apply_overlay;
-use pipeline::datagram::authentication::{MAC_BYTES, MacKey, append_mac, verify_mac};
+#[cfg(any(test, feature = "view"))]
+use pipeline::datagram::authentication::append_mac;
+use pipeline::datagram::authentication::{MAC_BYTES, MacKey, verify_mac};
 use pipeline::setup::Setup;
 use pipeline::{Pipeline, PipelineConfig};
 
@@ -188,6 +190,7 @@ impl TuningState {
 }
 
 /// The seal of a change under a phrase: hexadecimal digits.
+#[cfg(any(test, feature = "view"))]
 pub(crate) fn seal(phrase: &str, nonce: &str, overlay: &str) -> Result<String> {
     let key = MacKey::new(phrase)?;
     let sealed = append_mac(sealed_content(nonce, overlay), Some(&key));

@@ -12,7 +12,7 @@ use pipeline::feed::Feed;
 use pipeline::log::{Header, ImageCompression};
 use pipeline::testing::{field, random_cycle, random_image};
 
-const TIMEOUT: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn server(feed: &Feed) -> StreamServer {
     let config = StreamConfig {
@@ -162,7 +162,7 @@ fn the_end_of_the_run_ends_the_stream() {
     let mut client = client(&server);
     next(&mut client);
     drop(server);
-    let ended = (0..1000).any(|_| client.next_event(Duration::from_millis(20)).is_err());
+    let ended = (0..3000).any(|_| client.next_event(Duration::from_millis(20)).is_err());
     assert!(ended);
     let error = StreamClient::connect("127.0.0.1:1", TIMEOUT)
         .err()

@@ -7,10 +7,11 @@ use std::time::Duration;
 use hw::{DeviceEvent, EventQueue};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use tempfile::TempDir;
 
 /// Timeout of every wait; an idle machine needs less than a hundredth of it.
-const TIMEOUT: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A serial port with a constant path, to which a device can be connected.
 pub(crate) struct PseudoSerialPort {
@@ -45,6 +46,10 @@ impl PseudoSerialPort {
         let master = openpt(flags).expect("a pseudo terminal");
         grantpt(&master).expect("granted");
         unlockpt(&master).expect("unlocked");
+        // A terminal echoes until the driver has set it up: the test would take its own bytes for the driver's.
+        let mut mode = tcgetattr(&master).expect("a mode");
+        mode.make_raw();
+        tcsetattr(&master, OptionalActions::Now, &mode).expect("set");
         let name = ptsname(&master, Vec::new()).expect("a name");
         std::os::unix::fs::symlink(name.to_str().expect("text"), self.path()).expect("linked");
         self.master = Some(master);

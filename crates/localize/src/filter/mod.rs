@@ -20,7 +20,7 @@ use nalgebra::Matrix3;
 use crate::frames::Pose;
 use crate::matching::{Match, Matrix5, PARAMETERS, PosePrior, UNINFORMATIVE_PRIOR};
 use crate::math;
-use crate::omni::Twist;
+use crate::omni::{Twist, UNCORRECTED_MOTION};
 
 use curvature::CurvatureFilter;
 use decentralised::DecentralisedFilter;
@@ -97,6 +97,14 @@ impl PoseFilter {
         match self {
             PoseFilter::Joint(joint) => joint.scales(),
             PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => [1.0; 2],
+        }
+    }
+
+    /// Estimated matrix from the measured motion (x, y, θ) of the wheels to the true one.
+    pub fn odometry_correction(&self) -> [[f32; 3]; 3] {
+        match self {
+            PoseFilter::Joint(joint) => joint.odometry_correction(),
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => UNCORRECTED_MOTION,
         }
     }
 

@@ -20,12 +20,17 @@ const LOG_WEIGHT_RANGE: f32 = 10.0;
 /// Penalty in log probability for a hypothesis that earlier images did not support.
 const NEW_CANDIDATE_PENALTY: f32 = 3.0;
 
+/// Images after which the best hypothesis may be tracked.
+const IMAGES_MIN: u32 = 2;
+
 #[derive(Debug, Clone)]
 struct Candidate {
     filter: PoseFilter,
     hypothesis: Hypothesis,
     /// Log probability up to a constant.
     log_weight: f32,
+    /// Images that it was matched to.
+    images: u32,
 }
 
 /// Weighted hypotheses, most probable first.
@@ -63,6 +68,14 @@ impl Candidates {
     pub(super) fn best(&self) -> Option<(&PoseFilter, &Hypothesis)> {
         let best = self.candidates.first()?;
         Some((&best.filter, &best.hypothesis))
+    }
+
+    /// Did more than one image support the best hypothesis? A robot that leans far in one image shows its points beside
+    /// the markings, and another place may then explain them better.
+    pub(super) fn best_is_confirmed(&self) -> bool {
+        self.candidates
+            .first()
+            .is_some_and(|best| best.images >= IMAGES_MIN)
     }
 
     /// All hypotheses but the best. With `fold_half_turn`, half turns are included, that of the best first.
@@ -132,6 +145,7 @@ impl Candidates {
             self.candidates.push(Candidate {
                 filter: PoseFilter::new(pose, &hypothesis.covariance, None, config),
                 hypothesis: hypothesis.clone(),
+                images: 1,
                 log_weight: initial_log_weight
                     - measurements.likelihood_exponent * cost
                     - measurements.negative_log_likelihood(pose),
@@ -184,6 +198,7 @@ impl Candidate {
             MatchStart::new(start_error),
         );
         self.filter.update(&matched, tilt_prior, config);
+        self.images = self.images.saturating_add(1);
         self.log_weight -= measurements.likelihood_exponent
             * (matched.cost + 0.5 * matched.mahalanobis_squared)
             + measurements.negative_log_likelihood(matched.pose);

@@ -173,7 +173,10 @@ impl FitMonitor {
                 continue;
             }
             in_sight += 1;
-            let near = |point: &LinePoint| point.at.distance_to(at) < SEEN_DISTANCE;
+            let near = |point: &LinePoint| {
+                let (dx, dy) = (point.at.x - at.x, point.at.y - at.y);
+                dx * dx + dy * dy < SEEN_DISTANCE * SEEN_DISTANCE
+            };
             seen += usize::from(points.iter().any(near));
         }
         (in_sight >= 8).then(|| seen as f32 / in_sight as f32)

@@ -76,7 +76,7 @@ impl Localizer {
             self.lose_pose();
             return self.lost_estimate(stamp, Reason::NoMatch, found);
         };
-        if self.is_decided(best) {
+        if self.is_decided(best) && candidates.best_is_confirmed() {
             let log_odds = if fold_half_turn {
                 0.0
             } else {

@@ -11,6 +11,7 @@ use crate::filter::PoseFilter;
 use crate::frames::Pose;
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::math;
+use crate::omni::UNCORRECTED_MOTION;
 use crate::stamp::Stamp;
 
 /// What distinguishes the estimates of the states.
@@ -41,6 +42,7 @@ impl EstimateParts<'_> {
             tilt: self.figures.tilt,
             half_known: self.half_known,
             odometry_scales: filter.map_or([1.0; 2], PoseFilter::scales),
+            odometry_correction: filter.map_or(UNCORRECTED_MOTION, PoseFilter::odometry_correction),
             twist: filter.map(PoseFilter::twist),
             collision: filter.is_some_and(PoseFilter::in_collision),
             gyro_bias: filter.map_or(0.0, PoseFilter::gyro_bias),

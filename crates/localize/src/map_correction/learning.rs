@@ -1,10 +1,10 @@
 //! Learning: each tracked image moves the map's unknowns by what pose and tilt cannot explain.
 
-use super::basis::TERMS_MAX;
 use super::block::{BLOCK_IMAGES, Block};
 use super::posterior::Posterior;
 use super::state::{MapCorrection, TrackedImage};
 use super::sums::{MapEvidence, PoseMatrix, PoseVector, TermVector};
+use super::term::TERMS_MAX;
 use crate::frames::{Pose, wrap_angle};
 use crate::matching::distance_field::DistanceField;
 use crate::matching::{MatchConfig, PARAMETERS};

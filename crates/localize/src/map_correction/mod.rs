@@ -18,9 +18,11 @@ mod sensitivity;
 mod smooth;
 mod state;
 mod sums;
+mod term;
 
-pub use basis::{BasisTerm, DisplacedPoint, Harmonic, MapBasis, NODES, TERMS_MAX, TermKind, Unit};
+pub use basis::{DisplacedPoint, MapBasis};
 pub use config::MapCorrectionConfig;
 pub use mirror::MirrorModel;
 pub use smooth::{height_term, smooth_terms};
 pub use state::{MapCorrection, MapCorrectionEstimate, TermEstimate, TrackedImage};
+pub use term::{BasisTerm, Harmonic, NODES, TERMS_MAX, TermKind, Unit};

@@ -1,7 +1,7 @@
 //! Points of a wrong map: displaced, and as uncertain as the map.
 
-use super::basis::{NODES, TERMS_MAX};
 use super::state::{MapCorrection, RawPoint};
+use super::term::{NODES, TERMS_MAX};
 use crate::frames::{At, RobotFrame};
 use crate::math;
 use crate::sample::LinePoint;

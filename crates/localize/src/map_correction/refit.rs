@@ -3,9 +3,9 @@
 //! After a large knock most points lie beyond the reach of matching, and the usual update sees little of it. The fit
 //! begins with the reach of a new map's uncertainty and shrinks it, as matching does with its start error.
 
-use super::basis::TERMS_MAX;
 use super::state::{MapCorrection, TrackedImage};
 use super::sums::{ImageSums, PoseMatrix, PoseVector, TermMatrix, TermVector, widen};
+use super::term::TERMS_MAX;
 use crate::frames::Pose;
 use crate::matching::distance_field::DistanceField;
 use crate::matching::{MatchConfig, PARAMETERS};

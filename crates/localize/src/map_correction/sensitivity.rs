@@ -2,9 +2,9 @@
 
 use nalgebra::Matrix3;
 
-use super::basis::TERMS_MAX;
 use super::state::{MapCorrection, TrackedImage};
 use super::sums::{ImageSums, PoseByTerm, widen};
+use super::term::TERMS_MAX;
 use crate::frames::Pose;
 use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceField;

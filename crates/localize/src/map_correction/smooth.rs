@@ -1,6 +1,7 @@
 //! Which fields describe the errors of a map whose optics are unknown? Low-order smooth ones.
 
-use super::basis::{BasisTerm, Harmonic, MapBasis, NODES, TermKind};
+use super::basis::MapBasis;
+use super::term::{BasisTerm, Harmonic, NODES, TermKind};
 use crate::math;
 
 /// Ranges at which the relative error of the range is a node, in heights of the viewpoint.

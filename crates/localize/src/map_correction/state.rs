@@ -1,9 +1,10 @@
 //! The estimate of a map's unknowns with what its parts need from image to image.
 
-use super::basis::{MapBasis, NODES, TERMS_MAX, TermKind};
+use super::basis::MapBasis;
 use super::block::Block;
 use super::config::MapCorrectionConfig;
 use super::sums::{PoseByTerm, TermMatrix, TermVector};
+use super::term::{NODES, TERMS_MAX, TermKind};
 use crate::frames::{At, Pose};
 use crate::matching::{Match, Matrix5, Repetition};
 use crate::math;

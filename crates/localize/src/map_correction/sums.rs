@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::basis::TERMS_MAX;
+use super::term::TERMS_MAX;
 use crate::matching::{Matrix5, PARAMETERS};
 
 /// A matrix over the map's unknowns.

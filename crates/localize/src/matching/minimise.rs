@@ -3,10 +3,22 @@
 use nalgebra::Vector3;
 
 use super::distance_field::DistanceField;
-use super::normal_equations::NormalEquations;
+use super::normal_equations::{NormalEquations, Pass};
 use super::{Matcher, Vector5};
 
 impl Matcher {
+    /// One pass over the points: normal equations of the reweighted squares, and the sums for the quality.
+    pub(super) fn accumulate(
+        &self,
+        distances: &DistanceField,
+        state: &Vector5,
+        kernel_factor: f32,
+    ) -> NormalEquations {
+        let kernel_scale = self.config.kernel_scale_sigmas * kernel_factor;
+        Pass::new(state, self.config.viewpoint_height, kernel_scale)
+            .accumulate(&self.lanes, distances)
+    }
+
     /// Gauss-Newton; the kernel scale is halved with every step until it is that of the points.
     pub(super) fn gauss_newton(
         &self,

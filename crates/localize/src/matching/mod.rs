@@ -10,6 +10,7 @@ pub mod distance_field;
 mod learning;
 mod minimise;
 mod normal_equations;
+mod parameters;
 mod point_spread;
 mod repeated_errors;
 mod summary;
@@ -17,10 +18,12 @@ mod summary;
 use crate::frames::{Pose, wrap_angle};
 use crate::matching::distance_field::DistanceField;
 use crate::sample::LinePoint;
-use nalgebra::{Matrix3, SMatrix, SVector};
+use nalgebra::Matrix3;
 
 pub use config::{MatchConfig, Minimiser};
 use normal_equations::{PreparedLanes, PreparedPoint};
+pub use parameters::Matrix5;
+pub(crate) use parameters::{PARAMETERS, Vector5};
 use point_spread::{PointSpread, Residual};
 pub use repeated_errors::Repetition;
 use repeated_errors::{Remainder, RepeatedErrors};
@@ -120,13 +123,6 @@ struct LastPass {
     normal: Matrix5,
     gradient: Vector5,
 }
-
-/// Number of parameters: pose and tilt.
-pub(crate) const PARAMETERS: usize = 5;
-/// A matrix over pose and tilt, (x, y, θ, a, b).
-pub type Matrix5 = SMatrix<f32, 5, 5>;
-/// A vector over pose and tilt, (x, y, θ, a, b).
-pub(crate) type Vector5 = SVector<f32, PARAMETERS>;
 
 /// Information of an unknown pose (m⁻², m⁻², rad⁻²): no field is larger than 30 m, no heading error larger than π.
 /// Keeps unobservable directions invertible.

@@ -2,7 +2,7 @@
 //! (docs/methods.md 5.2 to 5.4).
 
 use super::distance_field::DistanceField;
-use super::{Matcher, Matrix5, PARAMETERS, Vector5};
+use super::parameters::{Matrix5, PARAMETERS, Vector5};
 use crate::{math, tilt};
 
 /// A point with its quantities that are constant between steps.
@@ -79,7 +79,7 @@ struct LaneSums {
 }
 
 /// The pose and tilt of a pass.
-struct PassState {
+pub(super) struct Pass {
     x: f32,
     y: f32,
     sin: f32,
@@ -89,27 +89,30 @@ struct PassState {
     kernel_squared: f32,
 }
 
-impl Matcher {
-    /// One pass over the points: normal equations of the reweighted squares, and the sums for the quality.
-    pub(super) fn accumulate(
-        &self,
-        distances: &DistanceField,
-        state: &Vector5,
-        kernel_factor: f32,
-    ) -> NormalEquations {
+impl Pass {
+    /// At a state (x, y, θ, a, b). `height`: of the viewpoint, metres; `kernel_scale`: in standard deviations of a point.
+    pub(super) fn new(state: &Vector5, height: f32, kernel_scale: f32) -> Self {
         let (sin, cos) = math::sin_cos(state[2]);
-        let pass = PassState {
+        Pass {
             x: state[0],
             y: state[1],
             sin,
             cos,
             tilt: [state[3], state[4]],
-            height: self.config.viewpoint_height,
-            kernel_squared: (self.config.kernel_scale_sigmas * kernel_factor).powi(2),
-        };
+            height,
+            kernel_squared: kernel_scale * kernel_scale,
+        }
+    }
+
+    /// Sums over all points.
+    pub(super) fn accumulate(
+        &self,
+        points: &[PreparedLanes],
+        distances: &DistanceField,
+    ) -> NormalEquations {
         let mut sums = LaneSums::default();
-        for points in &self.lanes {
-            sums.add(points, &pass, distances);
+        for group in points {
+            sums.add(group, self, distances);
         }
         sums.total()
     }
@@ -118,7 +121,7 @@ impl Matcher {
 impl LaneSums {
     /// Adds a group of points. Each loop over `k` is a vector instruction or a few.
     #[inline]
-    fn add(&mut self, points: &PreparedLanes, pass: &PassState, distances: &DistanceField) {
+    fn add(&mut self, points: &PreparedLanes, pass: &Pass, distances: &DistanceField) {
         let [mut x, mut y, mut rx, mut ry] = [[0.0; LANES]; 4];
         let [mut field_x, mut field_y] = [[0.0; LANES]; 2];
         for k in 0..LANES {

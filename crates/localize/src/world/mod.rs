@@ -116,7 +116,8 @@ impl WorldModel {
         estimate: &Estimate,
     ) -> WorldView {
         let pose = estimate.pose;
-        let Some(odometry_from_robot) = self.predict(stamp, pose, estimate.odometry_scales) else {
+        let Some(odometry_from_robot) = self.predict(stamp, pose, estimate.odometry_correction)
+        else {
             // An image older than the last one is ignored.
             return WorldView::default();
         };
@@ -150,7 +151,7 @@ impl WorldModel {
         &mut self,
         stamp: Stamp,
         pose: Option<Pose>,
-        scales: [f32; 2],
+        correction: [[f32; 3]; 3],
     ) -> Option<Tf<OdometryFrame, RobotFrame>> {
         let gap = match self.last {
             Some(last) => last.stamp.seconds_until(stamp) as f32,
@@ -169,7 +170,7 @@ impl WorldModel {
         let pose_increment = last_pose
             .zip(pose)
             .map(|(last, pose)| last.inverse() * pose);
-        let is_motion_known = self.motion.advance_to(stamp, pose_increment, scales);
+        let is_motion_known = self.motion.advance_to(stamp, pose_increment, correction);
         self.last = Some(LastImage { stamp, pose });
         let config = &self.config;
         // Without odometry and poses the robot may have driven in any direction.

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use super::observation::OdometryFrame;
 use crate::frames::{RobotFrame, Tf};
+use crate::omni::UNCORRECTED_MOTION;
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
 
@@ -98,14 +99,15 @@ impl OdometryBuffer {
 
     /// Integrates the motion up to an image at `stamp`; false if the motion is unknown.
     ///
-    /// `pose_increment`: the motion between the images' poses, for a robot without odometry. `scales`: metres per
-    /// reported metre and radians per reported radian, as estimated by localization.
+    /// `pose_increment`: the motion between the images' poses, for a robot without odometry. `correction`: matrix
+    /// from the reported to the true motion (x, y, θ), as estimated by localization.
     pub(super) fn advance_to(
         &mut self,
         stamp: Stamp,
         pose_increment: Option<PoseIncrement>,
-        scales: [f32; 2],
+        correction: [[f32; 3]; 3],
     ) -> bool {
+        let correction = plausible_correction(correction);
         let last_image = self.image_stamp.replace(stamp);
         let mut pose = self.pose_at_image;
         let mut has_odometry = false;
@@ -120,7 +122,7 @@ impl OdometryBuffer {
             let from = integrated_to.map_or(start, |stamp| stamp.max(start));
             let until = end.min(stamp);
             let part = fraction(from.seconds_until(until), duration);
-            pose = pose * scale_increment(motion, part, scales);
+            pose = pose * correct_increment(motion, part, &correction);
             has_odometry |= last_image.is_some();
             integrated_to = Some(until);
             if end > stamp {
@@ -140,7 +142,7 @@ impl OdometryBuffer {
             && last.increment.stamp.seconds_until(stamp) <= EXTRAPOLATION_MAX
         {
             let part = fraction(from.seconds_until(stamp), last.duration);
-            pose = pose * scale_increment(last.increment.motion, part.min(10.0), scales);
+            pose = pose * correct_increment(last.increment.motion, part.min(10.0), &correction);
             has_odometry = true;
         }
         match (has_odometry, pose_increment) {
@@ -161,21 +163,54 @@ fn fraction(seconds: f64, duration: f64) -> f32 {
     }
 }
 
-fn scale_increment(
+/// `part` of a motion, corrected.
+fn correct_increment(
     motion: PoseIncrement,
     part: f32,
-    [distance_scale, yaw_scale]: [f32; 2],
+    correction: &[[f32; 3]; 3],
 ) -> PoseIncrement {
-    let distance = part * plausible_scale(distance_scale);
-    let yaw = part * plausible_scale(yaw_scale);
-    PoseIncrement::new(motion.x * distance, motion.y * distance, motion.theta * yaw)
+    let [x, y, theta] =
+        correction.map(|[a, b, c]| part * (a * motion.x + b * motion.y + c * motion.theta));
+    PoseIncrement::new(x, y, theta)
 }
 
-/// A scale far from 1 is an estimation error and is replaced by 1.
-fn plausible_scale(scale: f32) -> f32 {
-    if scale > 0.5 && scale < 2.0 {
-        scale
+/// A correction with a scale far from 1 is an estimation error and is replaced by none.
+fn plausible_correction(correction: [[f32; 3]; 3]) -> [[f32; 3]; 3] {
+    let is_plausible = (0..3).all(|k| correction[k][k] > 0.5 && correction[k][k] < 2.0);
+    if is_plausible
+        && correction
+            .as_flattened()
+            .iter()
+            .all(|value| value.is_finite())
+    {
+        correction
     } else {
-        1.0
+        UNCORRECTED_MOTION
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wheels_of_unequal_radius_do_not_turn_a_straight_way() {
+        let mut buffer = OdometryBuffer::default();
+        // 0.03 rad/m too much, and 2 % too short.
+        let correction = [[1.02, 0.0, 0.0], [0.0, 1.02, 0.0], [-0.03, 0.0, 1.0]];
+        assert!(buffer.advance_to(Stamp(0), None, correction));
+        for k in 1..=100_i64 {
+            buffer.add(&Odometry {
+                stamp: Stamp(k * 10_000_000),
+                dx: 0.01,
+                dy: 0.0,
+                dtheta: 0.0003,
+                slip: 0.0,
+            });
+        }
+        assert!(buffer.advance_to(Stamp(1_000_000_000), None, correction));
+        let pose = buffer.pose_at_image();
+        assert!((pose.x - 1.02 * 0.99).abs() < 0.011, "{pose:?}");
+        assert!(pose.y.abs() < 1e-3 && pose.theta.abs() < 1e-3, "{pose:?}");
     }
 }

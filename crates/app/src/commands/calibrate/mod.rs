@@ -17,7 +17,9 @@ mod wheels;
 use anyhow::Result;
 
 pub(crate) use lines::{LinesArgs, calibrate_map_from_lines};
-pub(crate) use map::{MapArgs, Outcome, calibrate_map};
+#[cfg(feature = "view")]
+pub(crate) use map::Outcome;
+pub(crate) use map::{MapArgs, calibrate_map};
 
 /// Calibrate the camera (rim, ground map, colours, mask, sizes, latency), the wheels, the inertial unit and the compass.
 #[derive(clap::Args)]

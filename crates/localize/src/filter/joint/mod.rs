@@ -147,6 +147,11 @@ impl JointFilter {
         [0.5 * (scale(0) + scale(1)), scale(2)]
     }
 
+    /// Estimated matrix from the measured motion of the wheels to the true one.
+    pub(super) fn odometry_correction(&self) -> [[f32; 3]; 3] {
+        [0, 1, 2].map(|i| [0, 1, 2].map(|j| self.state[odometry_correction::entry(i, j)]))
+    }
+
     pub(super) fn gyro_bias(&self) -> f32 {
         self.state[GYRO_BIAS + 2]
     }

@@ -134,6 +134,9 @@ pub(crate) struct Estimate {
     pub(crate) fit: Option<Fit>,
     #[prost(message, optional)]
     pub(crate) map_correction: Option<MapCorrection>,
+    /// From measured to true motion (x, y, θ), row by row. Empty in logs of earlier versions.
+    #[prost(float, repeated)]
+    pub(crate) odometry_correction: Vec<f32>,
 }
 
 /// `localize::estimate::Fit`: how well the set-up fits the last seconds.

@@ -1,6 +1,6 @@
 //! How is an estimate converted to its message and back?
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use localize::Stamp;
 use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::global_search::branch_and_bound::Hypothesis;
@@ -38,6 +38,7 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         tilt: lean,
         half_known,
         odometry_scales,
+        odometry_correction,
         twist,
         collision,
         gyro_bias,
@@ -71,6 +72,7 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
             compass: fit.compass_agreement,
         }),
         map_correction: map_correction.as_ref().map(map_correction_to_wire),
+        odometry_correction: odometry_correction.as_flattened().to_vec(),
     }
 }
 
@@ -89,6 +91,7 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
         line_points: estimate.line_points as usize,
         tilt: pair(&estimate.lean)?,
         half_known: estimate.half_known,
+        odometry_correction: odometry_correction(&estimate)?,
         odometry_scales: pair(&estimate.odometry_scales)?,
         runners_up: estimate
             .runners_up
@@ -113,6 +116,16 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
             .map_correction
             .map(map_correction_from_wire)
             .transpose()?,
+    })
+}
+
+/// Logs of earlier versions have the scales alone.
+fn odometry_correction(estimate: &wire::Estimate) -> Result<[[f32; 3]; 3]> {
+    let [distance, yaw] = pair(&estimate.odometry_scales)?;
+    Ok(match estimate.odometry_correction[..] {
+        [] => [[distance, 0.0, 0.0], [0.0, distance, 0.0], [0.0, 0.0, yaw]],
+        [a, b, c, d, e, f, g, h, i] => [[a, b, c], [d, e, f], [g, h, i]],
+        _ => bail!("the odometry's correction of the log has not 9 entries"),
     })
 }
 
