@@ -10,6 +10,7 @@ import base64
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -115,7 +116,9 @@ def notebook_page(name: str, folder: Path) -> str:
         "SECONDS_OF_PLAY": "5",
         "MPLBACKEND": "module://matplotlib_inline.backend_inline",
     }
-    source, executed = ROOT / f"py/examples/{name}.ipynb", folder / f"{name}.md"
+    # A copy: what the notebook writes stays in this folder.
+    source, executed = folder / f"{name}.ipynb", folder / f"{name}.md"
+    shutil.copy(ROOT / f"py/examples/{name}.ipynb", source)
     command = [sys.executable, "-m", "nbconvert", "--to", "markdown", "--execute", source, "--output-dir", folder]
     subprocess.run(command, check=True, env=environment, cwd=folder)
     text = executed.read_text()
