@@ -29,12 +29,12 @@ pub(crate) fn settings(
             PipelineConfig::preset(preset).and_then(|base| apply_overlay(&base, overlay))
         }
         Some(path) => {
-            let path: PathBuf = path.extract().map_err(|_| {
-                let kind = path.get_type();
-                PyTypeError::new_err(format!(
-                    "invalid config: {kind} (expected a dict, or the path of an overlay file)"
-                ))
-            })?;
+            let Ok(path) = path.extract::<PathBuf>() else {
+                return Err(PyTypeError::new_err(format!(
+                    "invalid config: {} (expected a dict, or the path of an overlay file)",
+                    path.get_type()
+                )));
+            };
             PipelineConfig::load(preset, Some(&path))
         }
     };
@@ -96,7 +96,9 @@ pub(crate) fn rows(
     let keywords = PyDict::new(py);
     keywords.set_item("dtype", "float32")?;
     let array = numpy.call_method("ascontiguousarray", (value,), Some(&keywords));
-    let array = array.map_err(|_| invalid())?;
+    let Ok(array) = array else {
+        return Err(invalid());
+    };
     let array = array.cast::<PyArrayDyn<f32>>()?.readonly();
     match *array.shape() {
         [count, width] if columns.contains(&width) => {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use localize::math;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -106,7 +107,7 @@ impl GroundMap {
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let map = self.to_rust(py)?;
-        let distances = map.x.iter().zip(&map.y).map(|(x, y)| x.hypot(*y));
+        let distances = map.x.iter().zip(&map.y).map(|(x, y)| math::hypot(*x, *y));
         let farthest = distances.filter(|distance| distance.is_finite());
         Ok(format!(
             "GroundMap({} × {} pixels, ground to {:.1} m)",

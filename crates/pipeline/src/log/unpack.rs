@@ -30,7 +30,7 @@ impl UnpackedSetup {
     pub fn config(&self) -> Result<PipelineConfig> {
         let settings = self.folder.path().join(PIPELINE_FILE);
         PipelineConfig::load("default", settings.exists().then_some(&*settings))
-            .map_err(|error| name_log(&error.into(), &self.folder))
+            .map_err(|error| name_log(&error, &self.folder))
     }
 }
 

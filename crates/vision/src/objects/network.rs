@@ -209,8 +209,8 @@ impl<const OUT: usize> PatchNetwork<OUT> {
             let mut sums = [self.conv2_bias; SIDE2];
             for kernel in 0..KERNEL {
                 let inputs = &first[2 * row + kernel / 3];
-                for channel in 0..CONV1 {
-                    let weights = &self.conv2[channel * KERNEL + kernel];
+                let weights = self.conv2.iter().skip(kernel).step_by(KERNEL);
+                for (channel, weights) in weights.take(CONV1).enumerate() {
                     for (column, sums) in sums.iter_mut().enumerate() {
                         let input = inputs[2 * column + kernel % 3][channel];
                         accumulate(sums, input, weights);

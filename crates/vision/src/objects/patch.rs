@@ -369,7 +369,7 @@ fn median_logarithm<const ROOM: usize>(levels: &[u8; ROOM], count: usize) -> f32
             upper = level;
         }
     }
-    let lower = if count % 2 == 0 && below(upper) == rank {
+    let lower = if count.is_multiple_of(2) && below(upper) == rank {
         let lesser = levels
             .iter()
             .map(|&level| if level < upper { level } else { 0 });

@@ -15,6 +15,8 @@ use crate::output_file::OutputFile;
 
 /// Largest array of a map with its header, bytes.
 const BYTES_MAX: u64 = 4 * PIXELS_MAX as u64 + 65_536;
+/// Longest header of an array, bytes: numpy writes 118.
+const NPY_HEADER_MAX: usize = 4096;
 
 /// Pixel → ground point in the robot frame, for an upright robot.
 ///
@@ -191,6 +193,42 @@ fn member_name(array: &str) -> String {
     format!("{array}.npy")
 }
 
+/// Magic, version, length and text of an npy file's header.
+///
+/// The header is a literal of Python, and the time to parse nested brackets doubles with each of them. A header of plain numbers
+/// has one pair inside another: the shape in the dictionary.
+fn read_npy_header(reader: &mut impl Read) -> std::io::Result<Vec<u8>> {
+    let invalid = |reason: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, reason);
+    let mut header = vec![0; 8];
+    reader.read_exact(&mut header)?;
+    // From version 2 on the length has four bytes.
+    let mut length = [0; 4];
+    let digits = if header[6] < 2 { 2 } else { 4 };
+    reader.read_exact(&mut length[..digits])?;
+    header.extend(&length[..digits]);
+    let count = u32::from_le_bytes(length) as usize;
+    if count > NPY_HEADER_MAX {
+        return Err(invalid("the header is too long"));
+    }
+    let start = header.len();
+    header.resize(start + count, 0);
+    reader.read_exact(&mut header[start..])?;
+    let mut depth = 0usize;
+    for byte in &header[start..] {
+        match byte {
+            b'(' | b'[' | b'{' => depth += 1,
+            b')' | b']' | b'}' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        if depth > 2 {
+            return Err(invalid(
+                "the header is nested (expected an array of numbers)",
+            ));
+        }
+    }
+    Ok(header)
+}
+
 fn read_array(
     archive: &mut ZipArchive<BufReader<File>>,
     path: &Path,
@@ -205,8 +243,10 @@ fn read_array(
         .by_name(&member_name(name))
         .map_err(|error| content(format!("{name}: {error} (expected arrays x_m and y_m)")))?;
     // An archive may unpack to far more than its size.
-    let found =
-        NpyFile::new(entry.take(BYTES_MAX)).map_err(|error| content(format!("{name}: {error}")))?;
+    let mut entry = entry.take(BYTES_MAX);
+    let found = read_npy_header(&mut entry)
+        .and_then(|header| NpyFile::new(Cursor::new(header).chain(entry)))
+        .map_err(|error| content(format!("{name}: {error}")))?;
     let &[rows, columns] = found.shape() else {
         return Err(content(format!(
             "wrong shape of {name}: {} dimensions (expected rows × columns)",
@@ -240,6 +280,30 @@ fn read_array(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nested_header_is_refused_at_once() {
+        let map = GroundMap {
+            width_px: 1,
+            height_px: 1,
+            x: vec![1.0],
+            y: vec![2.0],
+        };
+        let mut plain = Vec::new();
+        ZipArchive::new(Cursor::new(map.to_npz().expect("bytes")))
+            .and_then(|mut archive| Ok(archive.by_name("x_m.npy")?.read_to_end(&mut plain)?))
+            .expect("an array");
+        assert!(read_npy_header(&mut &plain[..]).is_ok());
+        let mut nested = plain.clone();
+        let start = plain
+            .iter()
+            .position(|&byte| byte == b'{')
+            .expect("a dictionary")
+            + 1;
+        nested[start..start + 28].fill(b'[');
+        let error = read_npy_header(&mut &nested[..]).expect_err("nested");
+        assert!(error.to_string().contains("nested"), "{error}");
+    }
 
     #[test]
     fn saved_map_round_trips_bit_exactly() {
