@@ -168,7 +168,7 @@ pub struct BasisTerm {
     pub std: f32,
     /// Dependence on the bearing.
     pub harmonic: Harmonic,
-    /// Change of γ per unit, radians, at [`MapBasis::node_angle`].
+    /// Change of γ per unit, radians, at [`MapBasis::node_angle`](super::MapBasis::node_angle).
     pub radial: [f32; NODES],
     /// Change of φ times sin γ per unit, radians.
     pub tangential: [f32; NODES],
