@@ -31,6 +31,7 @@ from mirrorball.analysis import (
     write_parquet,
 )
 from mirrorball.analysis.findings import motion_between
+from mirrorball.analysis.reporting import PICTURED
 from mirrorball.analysis.video import overlays, write_png, write_video
 
 
@@ -46,7 +47,9 @@ def test_cycle_table_matches_the_run_summary(game: Path) -> None:
     assert errors.loc["position error, cm", "mean"] == pytest.approx(100.0 * said["position_error_m"]["mean"], rel=1e-4)
     assert errors.loc["heading error, °", "largest"] == pytest.approx(np.degrees(said["heading_error_rad"]["max"]), rel=1e-4)
     assert found["line_points"].median() == pytest.approx(said["line_points"], abs=1.0)
-    assert (found["nees"] > 0.0).all() and found["std_x_m"].between(1e-5, 0.1).all()
+    assert (found["nees"] > 0.0).all() and found["std_x_m"].between(1e-5, 0.2).all()
+    # The mount of camera and mirror is not known at first.
+    assert found["std_x_m"].iloc[30:].max() < 0.02
 
 
 def test_streamed_pieces_equal_the_whole_table(game: Path) -> None:
@@ -129,7 +132,8 @@ def test_difference_joins_runs_by_stamp() -> None:
 def test_reports_are_self_contained_html(game: Path, tmp_path: Path) -> None:
     written = report(game, folder=tmp_path / "one", images_every=30)
     text = written.page.read_text()
-    assert text.count("<img") == 4 and "position error" in text and "http" not in text
+    pictured = [each for each in written.findings if each.kind in PICTURED]
+    assert text.count("<img") == 4 + len(pictured) and "position error" in text and "http" not in text
     both = compare(game, game, folder=tmp_path / "two")
     assert "0.00 cm" in both.page.read_text() and "game (2)" in both.page.read_text()
 
@@ -155,7 +159,10 @@ def test_log_example_runs(game: Path, tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_findings_name_a_kidnap_and_its_cause_and_nothing_in_a_clean_run(game: Path, tmp_path: Path) -> None:
-    assert {each.kind for each in findings(game)} <= {"slip"}
+    clean = findings(game)
+    assert {each.kind for each in clean} <= {"slip", "uncertain"}
+    # The mount of camera and mirror is not known at first.
+    assert all(each.stop_s < 0.5 for each in clean if each.kind == "uncertain")
     kidnap = {"time": 2.0, "x": 3.0, "y": 2.0, "theta_deg": 90.0}
     log = tmp_path / "kidnap.mcap"
     scenario = ROOT / "config/scenarios/tracks_18x12.toml"

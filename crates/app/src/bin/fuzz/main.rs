@@ -3,6 +3,7 @@
 //! It needs neither a nightly compiler nor instrumented code. An input is kept for further changes if its outcome, a
 //! count or an error without its numbers, is new. Address space is limited, so that an input that unpacks to gigabytes fails.
 
+mod hang_watch;
 mod mutation;
 mod targets;
 
@@ -18,6 +19,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
+use hang_watch::HangWatch;
 use targets::{TARGETS, Target};
 
 /// Longest input, unless a seed is longer.
@@ -26,9 +28,6 @@ const LENGTH_MAX: usize = 4096;
 const KEPT_MAX: usize = 512;
 /// Address space of the process, bytes. The largest legitimate input needs a few hundred megabytes.
 const ADDRESS_SPACE: u64 = 6 * 1024 * 1024 * 1024;
-/// An input that takes longer is reported as a hang.
-const INPUT_TIME_MAX: Duration = Duration::from_secs(20);
-
 fn main() -> ExitCode {
     match run() {
         Ok(()) => ExitCode::SUCCESS,
@@ -86,6 +85,7 @@ fn fuzz(target: &Target, folder: &Path, duration: Duration) -> Result<()> {
     let mut outcomes = BTreeSet::new();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let (started, seed_count, mut runs) = (Instant::now(), inputs.len(), 0);
+    let watch = HangWatch::start(target.name, &current, &artifacts);
     while runs < seed_count || started.elapsed() < duration {
         let bytes = if runs < seed_count {
             inputs[runs].clone()
@@ -96,20 +96,22 @@ fn fuzz(target: &Target, folder: &Path, duration: Duration) -> Result<()> {
         runs += 1;
         // A failed allocation aborts the process: the input is in this file then.
         std::fs::write(&current, &bytes)?;
-        let begun = Instant::now();
-        let outcome = catch_unwind(AssertUnwindSafe(|| (target.run)(&bytes, scratch.path())));
-        let problem = match &outcome {
-            Err(panic) => Some(format!("panic: {}", panic_text(panic.as_ref()))),
-            Ok(_) if begun.elapsed() > INPUT_TIME_MAX => Some("took too long".to_owned()),
-            Ok(_) => None,
-        };
-        if let Some(problem) = problem {
-            let saved = artifacts.join(format!("{}-{runs}", target.name));
-            std::fs::write(&saved, &bytes)?;
-            std::fs::remove_file(&current)?;
-            bail!("{}: {problem}; input {}", target.name, saved.display());
-        }
-        let mut outcome = outcome.unwrap_or_default();
+        watch.begin_input();
+        let mut outcome =
+            match catch_unwind(AssertUnwindSafe(|| (target.run)(&bytes, scratch.path()))) {
+                Ok(outcome) => outcome,
+                Err(panic) => {
+                    let saved = artifacts.join(format!("{}-{runs}", target.name));
+                    std::fs::write(&saved, &bytes)?;
+                    std::fs::remove_file(&current)?;
+                    let reason = panic_text(panic.as_ref());
+                    bail!(
+                        "{}: panic: {reason}; input {}",
+                        target.name,
+                        saved.display()
+                    );
+                }
+            };
         outcome.retain(|letter| !letter.is_ascii_digit());
         if outcomes.insert(outcome) && runs > seed_count && inputs.len() < KEPT_MAX {
             inputs.push(bytes);
