@@ -1,8 +1,11 @@
 """Do team messages of a stalled process and of forged senders do harm? At the level of the process.
 
-The messages are encoded here by hand, from docs/network.proto alone.
+The messages are encoded here by hand, from docs/network.proto alone. Multicast stays in a network namespace of each test's own.
 """
 
+import ctypes
+import fcntl
+import os
 import random
 import signal
 import socket
@@ -18,6 +21,28 @@ from test_robot import StateOutput, ended, hardware, start, states  # noqa: F401
 GROUP = "239.255.77.78"
 # The clock of the simulated team-mate is that much ahead, nanoseconds.
 AHEAD_NS = 1_000_000_000_000
+
+
+CLONE_NEWNET = 0x4000_0000
+SIOCSIFFLAGS = 0x8914
+IFF_UP, IFF_MULTICAST = 0x1, 0x1000
+
+
+@pytest.fixture(autouse=True)
+def own_network() -> Iterator[None]:
+    """A network namespace in which there is nothing but a loopback; processes that the test starts inherit it."""
+    before = os.open("/proc/thread-self/ns/net", os.O_RDONLY)
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.unshare(CLONE_NEWNET) != 0:
+        os.close(before)
+        pytest.skip(f"no network namespace: {os.strerror(ctypes.get_errno())} (expected root)")
+    try:
+        with socket.socket(type=socket.SOCK_DGRAM) as any_socket:
+            fcntl.ioctl(any_socket, SIOCSIFFLAGS, struct.pack("16sH14x", b"lo", IFF_UP | IFF_MULTICAST))
+        yield
+    finally:
+        libc.setns(before, CLONE_NEWNET)
+        os.close(before)
 
 
 def varint(value: int) -> bytes:
