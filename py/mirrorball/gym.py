@@ -10,6 +10,7 @@ Needs `pip install mirrorball[gym]`.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -31,7 +32,7 @@ def __dir__() -> list[str]:
     return __all__
 
 
-class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
     """A simulated robot under control; subclasses say what is rewarded and when an episode ends.
 
     Action: velocity as a share of `speed_max_mps` and `turn_max_radps`: forward, left, turn, each −1 to 1. One step lasts from
@@ -85,13 +86,13 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         terminated = self.has_ended(self._step)
         return self._observation(), self.reward(before, self._step), terminated, self._step.ended, self._info()
 
+    @abstractmethod
     def reward(self, before: Step, after: Step) -> float:
         """What a step is worth."""
-        raise NotImplementedError
 
+    @abstractmethod
     def has_ended(self, step: Step) -> bool:
         """The task is done, or failed."""
-        raise NotImplementedError
 
     def render(self) -> Any:
         """The camera image: rows × columns × (red, green, blue); None without images."""

@@ -42,8 +42,12 @@ impl Pipeline {
         })
     }
 
-    fn process(&mut self, py: Python<'_>, image: CameraImage) -> PyResult<Cycle> {
-        let sample = Sample::Image(image);
+    fn process(&mut self, py: Python<'_>, stamp_s: f64, content: ImageContent) -> PyResult<Cycle> {
+        let sample = Sample::Image(CameraImage {
+            stamp: arguments::stamp(stamp_s)?,
+            setting: None,
+            content,
+        });
         let cycle = py.detach(|| {
             let mut cycle = self.pipeline.process_sample(sample)?;
             // The caller has the image.
@@ -172,15 +176,7 @@ impl Pipeline {
             stride,
             data: Arc::new(image.into_bytes()),
         }));
-        let stamp = arguments::stamp(stamp_s)?;
-        self.process(
-            py,
-            CameraImage {
-                stamp,
-                setting: None,
-                content,
-            },
-        )
+        self.process(py, stamp_s, content)
     }
 
     /// Line points of another vision system: n × 2 (x, y) or n × 4 (and standard deviations, radial and tangential).
@@ -213,14 +209,6 @@ impl Pipeline {
             points,
             goals: Vec::new(),
         };
-        let stamp = arguments::stamp(stamp_s)?;
-        self.process(
-            py,
-            CameraImage {
-                stamp,
-                setting: None,
-                content,
-            },
-        )
+        self.process(py, stamp_s, content)
     }
 }

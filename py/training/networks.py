@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +19,12 @@ PATCH_SIDE = 12
 COARSE_SIDE = 6
 
 
-class Network:
+class Network(ABC):
     """Weights and their Adam state."""
 
+    @abstractmethod
     def forward(self, patches: Array) -> Array:
         """Outputs before the logistic function."""
-        raise NotImplementedError
 
     def __init__(self, shapes: list[tuple[int, ...]], seed: int) -> None:
         rng = np.random.default_rng(seed)
