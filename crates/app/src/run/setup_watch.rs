@@ -15,6 +15,8 @@ const PATH_MIN: f32 = 6.0;
 const KEYFRAMES_MIN: usize = 15;
 /// Time from the end of a check to the next one, seconds. It doubles each time that the set-up is found right.
 const PERIOD: f64 = 10.0;
+/// The same after a first doubt, seconds.
+const DOUBTED_PERIOD: f64 = 3.0;
 const PERIOD_MAX: f64 = 300.0;
 /// Checks in a row that have to doubt the set-up before its poses are marked.
 const DOUBTS_MIN: u32 = 2;
@@ -85,14 +87,18 @@ impl SetupWatch {
     fn judge(&mut self, report: &SetupReport) -> Option<SetupVerdict> {
         let Some(covariance) = report.added_pose_covariance else {
             self.doubts = 0;
-            self.period = (2.0 * self.period).min(PERIOD_MAX);
+            self.period = (2.0 * self.period).clamp(PERIOD, PERIOD_MAX);
             return std::mem::take(&mut self.is_marked).then(|| SetupVerdict {
                 text: "the set-up is no longer doubtful".to_owned(),
                 covariance: Matrix3::zeros(),
             });
         };
         self.doubts += 1;
-        self.period = PERIOD;
+        self.period = if self.doubts < DOUBTS_MIN {
+            DOUBTED_PERIOD
+        } else {
+            PERIOD
+        };
         if self.doubts < DOUBTS_MIN || std::mem::replace(&mut self.is_marked, true) {
             return None;
         }
@@ -166,6 +172,6 @@ mod tests {
         }
         assert!((watch.period - PERIOD_MAX).abs() < 1e-9);
         watch.judge(&doubt());
-        assert!((watch.period - PERIOD).abs() < 1e-9);
+        assert!((watch.period - DOUBTED_PERIOD).abs() < 1e-9);
     }
 }
