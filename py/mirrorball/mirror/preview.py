@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from mirrorball._core import Camera, Field, Mount, ground_map, render
 from mirrorball.mirror.cad_export import write_csv
@@ -162,6 +161,9 @@ def _write_robot(mirror: Mirror, camera: Camera, base: Path, folder: Path) -> Pa
 
 def _floor_pixels(mirror: Mirror, camera: Camera, reach_m: float) -> NDArray[np.int64]:
     """Index of the pixel whose ground point is nearest to each place of the floor; −1 where none is close."""
+    # Loading it takes a tenth of a second, which only previews should pay.
+    from scipy.spatial import cKDTree
+
     seen = ground_map(camera=camera, profile=mirror.profile())
     x, y = seen.x_m.ravel(), seen.y_m.ravel()
     near = np.flatnonzero(np.hypot(x, y) < 1.2 * reach_m)
