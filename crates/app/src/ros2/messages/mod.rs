@@ -1,0 +1,13 @@
+//! The message types of ROS 2 that Mirrorball writes or reads, field by field as in their .msg files.
+
+mod bytes;
+mod definition;
+mod geometry;
+mod sensor;
+mod visualization;
+
+pub(crate) use bytes::{Byte, Bytes};
+pub(crate) use definition::{RosType, schema_text};
+pub(crate) use geometry::*;
+pub(crate) use sensor::*;
+pub(crate) use visualization::*;
