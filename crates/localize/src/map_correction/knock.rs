@@ -2,6 +2,7 @@
 
 use super::block::Block;
 use super::state::{MapCorrection, TrackedImage};
+use super::sums::PoseByTerm;
 use crate::frames::Pose;
 use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceField;
@@ -47,8 +48,7 @@ impl MapCorrection {
         self.applied = refit.coefficients;
         // One image finds the way; the next ones learn from there.
         self.covariance = self.prior;
-        // The same image gave the pose, whose error follows from the map's.
-        self.is_sensitivity_known = false;
+        self.sensitivity = PoseByTerm::zeros();
         self.knocks += 1;
         self.restart_learning();
         Some(refit.pose)
