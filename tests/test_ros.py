@@ -73,6 +73,10 @@ def route_multicast() -> None:
         fcntl.ioctl(any_socket, SIOCADDRT, route)
 
 
+STARTED: list[subprocess.Popen[str]] = []
+"""Processes that a test has not ended yet."""
+
+
 @pytest.fixture(autouse=True)
 def own_network() -> Iterator[None]:
     """A network namespace with a loopback that multicasts; processes and threads that the test starts inherit it."""
@@ -86,6 +90,11 @@ def own_network() -> Iterator[None]:
         route_multicast()
         yield
     finally:
+        # Those of a test that failed.
+        for process in STARTED:
+            process.kill()
+            process.communicate()
+        STARTED.clear()
         libc.setns(before, CLONE_NEWNET)
         os.close(before)
 
@@ -153,6 +162,7 @@ def run_robot(folder: Path, network: str, *more: object) -> tuple[subprocess.Pop
     sim = hardware(folder / "robot")
     (folder / "network.toml").write_text(network)
     run = start("run", "--robot", folder / "robot", "--network", folder / "network.toml", "--json", *more)
+    STARTED.extend([sim, run])
     return sim, run
 
 
@@ -161,7 +171,9 @@ def finish(sim: subprocess.Popen[str], run: subprocess.Popen[str]) -> tuple[dict
     report = ended(run)
     time.sleep(OBSERVATION_S)
     sim.send_signal(signal.SIGTERM)
-    return report, ended(sim)
+    result = ended(sim)
+    STARTED.clear()
+    return report, result
 
 
 def yaw(rotation: ros.Quaternion) -> float:

@@ -30,7 +30,7 @@ use super::super::messages::{
 use super::super::odometry_frame::PlanarPose;
 use super::command_guard::CommandGuard;
 use super::publish::{topic_name, type_name};
-use super::{Drive, GivenPose, Shared};
+use super::shared::{Drive, GivenPose, Shared};
 
 /// Largest age of a sample's stamp; an older one is of another clock, seconds.
 const STAMP_AGE_MAX: f64 = 1.0;

@@ -4,31 +4,28 @@ mod command_guard;
 mod inputs;
 mod parameters;
 mod publish;
+mod shared;
 
-use std::collections::BTreeMap;
 use std::net::IpAddr;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use anyhow::{Context as _, Result, anyhow};
 use futures::channel::oneshot;
 use futures::executor::block_on;
 use hw::{EventQueue, HealthReport};
+use localize::Field;
 use localize::filter::FilterConfig;
-use localize::{Field, Pose, Stamp};
-use nalgebra::Matrix3;
 use pipeline::feed::Feed;
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::{Context, Node, NodeName};
-use serde::Serialize;
 
 use super::config::Ros2Config;
 use super::convert::MessageConverter;
-use super::odometry_frame::PlanarPose;
-use command_guard::Refusal;
-use localize::omni::Twist;
+use shared::{Drive, Shared};
+pub(crate) use shared::{GivenPose, Ros2Counts};
 
 use crate::run::tuning::TuningHandle;
 
@@ -43,72 +40,6 @@ pub(crate) struct NodeContext<'a> {
     pub(crate) camera_height: Option<f32>,
     /// Changes settings, if others may.
     pub(crate) tuning: Option<TuningHandle>,
-}
-
-/// A pose that another program has given.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct GivenPose {
-    pub(crate) pose: Pose,
-    pub(crate) covariance: Matrix3<f32>,
-}
-
-/// Executes a velocity command until a time; false if it is overruled.
-pub(crate) type Drive = dyn FnMut(Twist, Stamp) -> bool + Send;
-
-/// What a run reports of its node.
-#[derive(Debug, Clone, Default, Serialize)]
-pub(crate) struct Ros2Counts {
-    /// Messages given to DDS.
-    pub(crate) published: u64,
-    /// Messages that DDS did not take.
-    pub(crate) failed: u64,
-    /// Cycles that were dropped because publishing was too slow.
-    pub(crate) cycles_dropped: u64,
-    /// Samples received for the pipeline: images, wheels, inertial unit.
-    pub(crate) samples: u64,
-    /// Commands passed to the base.
-    pub(crate) accepted: u64,
-    /// Valid commands that were not executed: a higher priority, or no base.
-    pub(crate) overruled: u64,
-    /// Rejected commands by reason.
-    pub(crate) refused: BTreeMap<Refusal, u64>,
-}
-
-/// What the node's threads share with the run.
-#[derive(Default)]
-struct Shared {
-    stop_requested: AtomicBool,
-    published: AtomicU64,
-    failed: AtomicU64,
-    cycles_dropped: AtomicU64,
-    samples: AtomicU64,
-    state: Mutex<SharedState>,
-}
-
-#[derive(Default)]
-struct SharedState {
-    events: Option<EventQueue>,
-    notices: Vec<String>,
-    accepted: u64,
-    overruled: u64,
-    refused: BTreeMap<Refusal, u64>,
-    devices: BTreeMap<String, HealthReport>,
-    /// The latest poses of another base in its frame `odom`, by the clock of samples.
-    external_odometry: std::collections::VecDeque<(Stamp, PlanarPose)>,
-}
-
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, SharedState> {
-        // Plain values: valid even if a thread panicked with the lock.
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn notice(&self, text: String) {
-        let mut state = self.lock();
-        if !state.notices.contains(&text) && state.notices.len() < 64 {
-            state.notices.push(text);
-        }
-    }
 }
 
 /// A running node. Dropping it ends its threads and leaves the domain.

@@ -25,7 +25,7 @@ use super::super::messages::{
 };
 use super::super::odometry_frame::PlanarPose;
 use super::super::primitives::{header, planar_transform, time};
-use super::Shared;
+use super::shared::Shared;
 use crate::run::status::state_name;
 
 /// Latency of a stop.
