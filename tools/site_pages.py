@@ -6,6 +6,7 @@ that their pictures are those of the present code.
 
 from __future__ import annotations
 
+import ast
 import base64
 import json
 import os
@@ -21,32 +22,24 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = ROOT / "target/release/mirrorball"
-NOTEBOOKS = ("design_a_mirror", "compare_two_methods")
-API = {
-    "mirrorball": "mirrorball",
-    **{
-        name: f"mirrorball.{name}"
-        for name in (
-            "analysis",
-            "evaluation",
-            "gym",
-            "log",
-            "mirror",
-            "pipeline",
-            "samples",
-            "simulation",
-            "sweep",
-            "vision",
-        )
-    },
-}
+NOTEBOOKS = tuple(sorted(path.stem for path in (ROOT / "py/examples").glob("*.ipynb")))
+
+
+def modules() -> tuple[str, ...]:
+    """The package and its modules, as the package itself lists them."""
+    tree = ast.parse((ROOT / "py/mirrorball/__init__.py").read_text())
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and any(isinstance(name, ast.Name) and name.id == "_MODULES" for name in node.targets):
+            names: tuple[str, ...] = ast.literal_eval(node.value)
+            return ("mirrorball", *(f"mirrorball.{name}" for name in names))
+    raise ValueError("py/mirrorball/__init__.py has no _MODULES")
 
 
 def on_files(files: Files, config: Any) -> Files:
     """Adds the generated pages."""
     pages = {"index.md": start_page(), "command_line.md": command_line()}
-    for name, module in API.items():
-        pages[f"api/{name}.md"] = api_page(module)
+    for module in modules():
+        pages[f"api/{module.rpartition('.')[2]}.md"] = api_page(module)
     with tempfile.TemporaryDirectory(prefix="mirrorball-site-") as folder:
         for name in NOTEBOOKS:
             pages[f"notebooks/{name}.md"] = notebook_page(name, Path(folder))

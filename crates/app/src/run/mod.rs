@@ -11,6 +11,7 @@ pub(crate) mod raw_image;
 mod replay_start;
 pub(crate) mod robot_folder;
 mod run_loop;
+mod setup_watch;
 pub(crate) mod status;
 pub(crate) mod stderr_writer;
 pub(crate) mod stop_flag;

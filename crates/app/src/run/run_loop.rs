@@ -20,6 +20,7 @@ use super::patrol::Patrol;
 use super::raw_image::raw_image;
 use super::replay_start::ReplayStart;
 use super::robot_folder::RobotFolder;
+use super::setup_watch::SetupWatch;
 use super::status::{OperatorNotices, RunOutcome, RunReport, RunStatus};
 use super::stop_flag::StopFlag;
 use super::teleop;
@@ -33,7 +34,6 @@ use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SettingsChange, SourceImage};
-use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Cycle, Pipeline, PipelineConfig};
 use vision::exposure::ExposureCommand;
 
@@ -159,6 +159,7 @@ impl RunLoop {
             exposure.command_camera(state.camera_command.take());
             self.take_tuned_pipeline(&mut status);
             self.start_replayable_part(&state, &mut status);
+            self.watch_setup(&mut state, &mut status);
             if let Some(image) = state.missing_image(hw::now()) {
                 self.process_sample(Sample::Image(image), &mut state, &mut status);
             }
@@ -208,15 +209,9 @@ impl RunLoop {
             finished.summary
         });
         // The wheels have stopped: the trials of other set-ups take seconds.
-        let setup = setup_check::check(
-            &self.robot.setup,
-            &self.config,
-            &state.keyframes.keyframes(),
-            Vec::new(),
-            Effort::Brief,
-        );
+        let warnings = state.setup_watch.finish(&self.robot.setup, &self.config);
         Ok(status.into_report(RunOutcome {
-            warnings: setup.warnings,
+            warnings,
             dropped: events.drop_counts(),
             samples_refused: state.samples_refused,
             wheels_stopped,
@@ -286,7 +281,7 @@ impl RunLoop {
         state.camera_command = cycle.camera_command().or(state.camera_command.take());
         let published = hw::now();
         status.count_cycle(&cycle, received, published);
-        state.keyframes.add_cycle(&cycle);
+        state.setup_watch.add_cycle(&cycle);
         let cycle = Arc::new(cycle);
         self.feed.publish(&cycle);
         if let Some(poses) = &self.pose_writer {
@@ -340,6 +335,17 @@ impl RunLoop {
         };
         status.report_log_change(&text);
         self.write_note(&text);
+    }
+
+    /// Checks the set-up while the robot drives. Poses of one that another beats are marked.
+    fn watch_setup(&mut self, state: &mut RunState, status: &mut RunStatus) {
+        let (setup, config) = (&self.robot.setup, &self.config);
+        let Some(verdict) = state.setup_watch.update(setup, config, hw::now()) else {
+            return;
+        };
+        self.pipeline.mark_setup_doubtful(verdict.covariance);
+        status.print_line(&verdict.text);
+        self.write_note(&verdict.text);
     }
 
     fn write_note(&self, text: &str) {
@@ -404,8 +410,7 @@ struct RunState {
     next_clock_note: Stamp,
     /// Samples with values that are not finite.
     samples_refused: u64,
-    /// For the check of the set-up at the end.
-    keyframes: KeyframeCollector,
+    setup_watch: SetupWatch,
 }
 
 impl RunState {
@@ -418,7 +423,7 @@ impl RunState {
             clock_offset_ns: hw::realtime_offset_ns(),
             next_clock_note: hw::now() + CLOCK_NOTE_PERIOD,
             samples_refused: 0,
-            keyframes: KeyframeCollector::default(),
+            setup_watch: SetupWatch::default(),
         }
     }
 
@@ -482,6 +487,7 @@ fn is_finite(sample: &Sample) -> bool {
         | Sample::TeamReport(_)
         | Sample::GroundTruth(_)
         | Sample::Settings(_)
+        | Sample::SetupDoubt(_)
         | Sample::Image(_) => true,
     }
 }

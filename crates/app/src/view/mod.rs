@@ -19,6 +19,7 @@ mod panzoom;
 mod pixel_info;
 mod report;
 mod robot_folder;
+mod run_findings;
 mod session;
 mod settings;
 mod settings_state;

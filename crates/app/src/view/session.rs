@@ -13,6 +13,7 @@ use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use super::calibration_state::CalibrationState;
 use super::device_monitor::DeviceMonitor;
 use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
+use super::run_findings::{RunFindings, STAMP_ROUNDING};
 use super::settings_state::SettingsState;
 use super::setup_job::SetupCheck;
 use super::source::decoded_cycle::DecodedCycle;
@@ -85,6 +86,8 @@ pub(crate) struct Session {
     pub(crate) playback: Playback,
     /// Marks, in time order.
     pub(crate) marks: Vec<Mark>,
+    /// Odd moments of the run.
+    pub(crate) findings: RunFindings,
     /// What the source lacks, one line each.
     pub(crate) warnings: Vec<String>,
     /// The last error.
@@ -125,6 +128,7 @@ impl Default for Session {
             recompute: None,
             playback: Playback::default(),
             marks: Vec::new(),
+            findings: RunFindings::default(),
             warnings: Vec::new(),
             last_error: None,
             source_config: PipelineConfig::default(),
@@ -285,11 +289,17 @@ impl Session {
         let mut changed = false;
         let base = self.base_config();
         if let Some(metrics_reader) = &mut self.metrics_reader {
-            for sample in metrics_reader.poll() {
+            let read = metrics_reader.poll();
+            for sample in read.samples {
                 self.series.push(sample);
                 changed = true;
             }
+            if let Some(found) = read.findings {
+                self.findings.set(found);
+                changed = true;
+            }
             if metrics_reader.is_done() {
+                self.findings.complete = true;
                 self.metrics_reader = None;
             }
         }
@@ -308,6 +318,7 @@ impl Session {
             for shown in &received {
                 self.devices.update(&shown.cycle);
                 let lost = std::mem::take(&mut dropped);
+                self.findings.push_live(&shown.cycle, lost);
                 self.series
                     .push(CycleMetrics::from_cycle(&shown.cycle, &base, lost));
             }
@@ -346,6 +357,20 @@ impl Session {
         self.playback.time = time;
         let result = self.source.seek(time);
         self.set_shown(result);
+    }
+
+    /// Pauses and shows the next odd moment (`ahead`) or the previous one, if there is one.
+    pub(crate) fn next_finding(&mut self, ahead: bool) {
+        if let Some(time) = self.findings.next(self.playback.time, ahead) {
+            self.playback.playing = false;
+            self.seek(time);
+        }
+    }
+
+    /// Pauses and shows the cycle of a stamp, seconds.
+    pub(crate) fn seek_stamp(&mut self, stamp: f64) {
+        self.playback.playing = false;
+        self.seek(stamp + STAMP_ROUNDING);
     }
 
     /// Steps `by` cycles (negative: back) and pauses.

@@ -15,7 +15,7 @@ use super::camera_layers::CameraLayers;
 use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
-use crate::view::static_scene::StaticScene;
+use crate::view::static_scene::{StaticScene, View};
 use pipeline::Cycle;
 
 /// Ranges of the ground grid's rings, metres.
@@ -49,7 +49,7 @@ impl CameraCanvas<'_> {
     /// Screen position of a ground point in the camera image; None if it is not visible.
     fn project_to_screen(&self, at: At<RobotFrame>) -> Option<Pos2> {
         let camera = self.scene.camera.as_ref()?;
-        let pixel = camera.project(at, self.cycle.estimate.tilt)?;
+        let pixel = camera.project(at, self.cycle.estimate.tilt, None)?;
         Some(self.to_screen(pixel))
     }
 
@@ -98,10 +98,13 @@ pub(crate) fn draw_image_overlay(canvas: &CameraCanvas<'_>) {
         && let Some(pose) = canvas.cycle.estimate.pose
     {
         let stroke = Stroke::new(1.4, palette::PROJECTED_LINE);
-        for [from, to] in canvas
-            .scene
-            .project_markings(pose, canvas.cycle.estimate.tilt)
-        {
+        let estimate = &canvas.cycle.estimate;
+        let view = View {
+            pose,
+            tilt: estimate.tilt,
+            correction: estimate.map_correction.as_ref(),
+        };
+        for [from, to] in canvas.scene.project_markings(view) {
             let ends = [canvas.to_screen(from), canvas.to_screen(to)];
             canvas.painter.line_segment(ends, stroke);
         }
