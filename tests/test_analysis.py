@@ -30,7 +30,6 @@ from mirrorball.analysis import (
     table,
     write_parquet,
 )
-from mirrorball.analysis.findings import motion_between
 from mirrorball.analysis.reporting import PICTURED
 from mirrorball.analysis.video import overlays, write_png, write_video
 
@@ -171,7 +170,8 @@ def test_findings_name_a_kidnap_and_its_cause_and_nothing_in_a_clean_run(game: P
     wrong = [each for each in found if each.kind in ("error", "lost", "leap")]
     assert wrong and all(1.9 < each.start_s < 3.0 for each in wrong)
     assert any("points off the markings" in cause for each in wrong for cause in each.causes)
-    assert set(findings_table(found).columns) >= {"kind", "start_s", "sentence", "causes"}
+    assert set(findings_table(found).columns) >= {"kind", "start_s", "sentence", "causes", "severity"}
+    assert {each.severity for each in wrong} == {"bad"}
     page = report(log, folder=tmp_path / "page")
     assert page.findings == tuple(found)
     text = page.page.read_text()
@@ -186,15 +186,6 @@ def test_findings_name_a_change_of_the_light(tmp_path: Path) -> None:
     # The light falls to a quarter from 4 to 5 s.
     assert len(light) == 1 and 3.9 < light[0].start_s < 5.7
     assert 2.0 < light[0].size < 8.0
-
-
-def test_motion_by_the_wheels_is_summed_between_images() -> None:
-    stamps = np.arange(100) / 100.0
-    images = np.arange(5) / 10.0
-    driven = motion_between(stamps, np.full(100, 0.05), np.zeros(100), np.full(100, 0.02), images)
-    # Ten arcs of 5 cm that turn by 0.02 rad each.
-    ahead, aside = sum(0.05 * np.exp(0.02j * step) for step in range(10)).real, 0.05 * 0.02 * 45
-    assert driven[2] == pytest.approx([ahead, aside], abs=2e-3)
 
 
 def test_paired_difference_covers_the_truth_and_zero_for_equal_runs() -> None:

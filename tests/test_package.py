@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -48,6 +49,14 @@ def run(command: list[str | Path], folder: Path) -> str:
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def test_the_site_has_a_page_for_each_module_and_notebook() -> None:
+    text = (ROOT / "mkdocs.yml").read_text()
+    pages = set(re.findall(r"(?:api|notebooks)/\w+\.md", text))
+    modules = {f"api/{name}.md" for name in ("mirrorball", *mirrorball._MODULES)}
+    notebooks = {f"notebooks/{path.stem}.md" for path in (ROOT / "py/examples").glob("*.ipynb")}
+    assert pages == modules | notebooks
 
 
 def test_every_module_is_inside_the_executable(tmp_path: Path) -> None:

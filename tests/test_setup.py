@@ -13,6 +13,8 @@ from setup_mistakes import MISTAKES, make_folder
 ROOT = Path(__file__).parents[1]
 PROGRAM = ROOT / "target/release/mirrorball"
 RIGHT = ROOT / "samples/sequence"
+# Photographs that are not part of the repository are tried where they are.
+PHOTOGRAPHS = ROOT.parent / "shared/real"
 
 # What a warning and the doctor's edit must contain.
 EDITS = {
@@ -91,6 +93,14 @@ def test_two_mistakes_are_both_named(tmp_path: Path) -> None:
     found, _ = run("doctor", "--recording", folder)
     changes = " | ".join(one["change"] for one in found["suggestions"])
     assert "width = 12" in changes and "flipped = true" in changes
+
+
+@pytest.mark.skipif(not (PHOTOGRAPHS / "half_field_2017").is_dir(), reason="no photographs")
+def test_headings_in_degrees_are_named_for_a_handful_of_photographs(tmp_path: Path) -> None:
+    # Five images: four of the wrong headings agree with one of their poses by chance.
+    folder = make_folder(PHOTOGRAPHS / "half_field_2017", "compass_degrees", tmp_path / "few")
+    result, _ = run("locate", folder, "--out", tmp_path / "poses.csv")
+    assert any(EDITS["compass_degrees"] in warning for warning in result["warnings"]), result["warnings"]
 
 
 def test_simulated_game_has_no_warning() -> None:

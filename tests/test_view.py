@@ -105,22 +105,26 @@ def test_view_without_display_gives_one_line_error(tmp_path: Path) -> None:
         assert "display" in done.stderr or "window" in done.stderr
 
 
+def visible_window(own: dict[str, str]) -> str:
+    """Identifier of the program's window, when it is on the display."""
+    found = subprocess.run(
+        ["xdotool", "search", "--sync", "--onlyvisible", "--name", "Mirrorball"],
+        env=own,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=True,
+    )
+    return found.stdout.split()[0]
+
+
 def test_screenshot_key_writes_png(display: str, log: Path, tmp_path: Path) -> None:
     if shutil.which("xdotool") is None:
         pytest.skip("xdotool is not installed")
     own = environment(tmp_path, display)
     with subprocess.Popen([PROGRAM, "view", log], env=own, cwd=tmp_path, stderr=subprocess.PIPE) as window:
         try:
-            found = subprocess.run(
-                ["xdotool", "search", "--sync", "--onlyvisible", "--name", "Mirrorball"],
-                env=own,
-                capture_output=True,
-                text=True,
-                timeout=TIMEOUT_S,
-                check=True,
-            )
-            name = found.stdout.split()[0]
-            subprocess.run(["xdotool", "windowfocus", name], env=own, check=True)
+            subprocess.run(["xdotool", "windowfocus", visible_window(own)], env=own, check=True)
             until = time.monotonic() + TIMEOUT_S
             # Keys pressed before the window listens are lost: press until it obeys.
             while not list(tmp_path.glob("mirrorball_*.png")) and time.monotonic() < until:
@@ -247,15 +251,7 @@ def test_settings_sent_from_the_window_reach_the_robot_and_can_be_revoked(
 
     window = subprocess.Popen([PROGRAM, "view", f"127.0.0.1:{port}", "--preset", "eyes"], env=own, stderr=subprocess.DEVNULL)
     try:
-        found = subprocess.run(
-            ["xdotool", "search", "--sync", "--onlyvisible", "--name", "Mirrorball"],
-            env=own,
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT_S,
-            check=True,
-        )
-        act("windowfocus", found.stdout.split()[0])
+        act("windowfocus", visible_window(own))
         wait_for("true → false", prepare=prepare_change, button=SEND)
         wait_for("false → true", prepare=lambda: None, button=REVOKE)
     finally:

@@ -6,6 +6,7 @@ that their pictures are those of the present code.
 
 from __future__ import annotations
 
+import ast
 import base64
 import json
 import os
@@ -21,32 +22,24 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = ROOT / "target/release/mirrorball"
-NOTEBOOKS = ("design_a_mirror", "compare_two_methods")
-API = {
-    "mirrorball": "mirrorball",
-    **{
-        name: f"mirrorball.{name}"
-        for name in (
-            "analysis",
-            "evaluation",
-            "gym",
-            "log",
-            "mirror",
-            "pipeline",
-            "samples",
-            "simulation",
-            "sweep",
-            "vision",
-        )
-    },
-}
+NOTEBOOKS = tuple(sorted(path.stem for path in (ROOT / "py/examples").glob("*.ipynb")))
+
+
+def modules() -> tuple[str, ...]:
+    """The package and its modules, as the package itself lists them."""
+    tree = ast.parse((ROOT / "py/mirrorball/__init__.py").read_text())
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and any(isinstance(name, ast.Name) and name.id == "_MODULES" for name in node.targets):
+            names: tuple[str, ...] = ast.literal_eval(node.value)
+            return ("mirrorball", *(f"mirrorball.{name}" for name in names))
+    raise ValueError("py/mirrorball/__init__.py has no _MODULES")
 
 
 def on_files(files: Files, config: Any) -> Files:
     """Adds the generated pages."""
     pages = {"index.md": start_page(), "command_line.md": command_line()}
-    for name, module in API.items():
-        pages[f"api/{name}.md"] = api_page(module)
+    for module in modules():
+        pages[f"api/{module.rpartition('.')[2]}.md"] = api_page(module)
     with tempfile.TemporaryDirectory(prefix="mirrorball-site-") as folder:
         for name in NOTEBOOKS:
             pages[f"notebooks/{name}.md"] = notebook_page(name, Path(folder))
@@ -82,10 +75,26 @@ def help_text(*command: str) -> str:
 
 
 def api_page(module: str) -> str:
-    """A module's public names."""
-    names = public_names(module)
-    entries = "\n\n".join(f"::: {name}" for name in names)
-    return f"# {module}\n\n{entries}\n"
+    """A module's public names, each with its example."""
+    short = module.rpartition(".")[2]
+    examples = examples_of(short)
+    entries = []
+    for name in public_names(module):
+        entries.append(f"::: {name}")
+        if code := examples.get(name.rpartition(".")[2]):
+            entries.append(f"Example:\n\n```python\n{code}\n```")
+    note = (
+        f"The examples run in the order of `py/examples/reference/{short}.py`, in a clone's folder: "
+        "later ones use names of earlier ones."
+    )
+    return "\n\n".join([f"# {module}", note, *entries]) + "\n"
+
+
+def examples_of(module: str) -> dict[str, str]:
+    """Code by public name, from the cells of py/examples/reference."""
+    text = (ROOT / f"py/examples/reference/{module}.py").read_text()
+    parts = re.split(r"^# %% (.+)$", text, flags=re.MULTILINE)[1:]
+    return {name: code.strip() for names, code in zip(parts[::2], parts[1::2], strict=True) for name in names.split(", ")}
 
 
 def public_names(module: str) -> list[str]:

@@ -48,6 +48,7 @@ __all__ = [
 
 _MODULES = (
     "analysis",
+    "bags",
     "estimates",
     "evaluation",
     "gym",

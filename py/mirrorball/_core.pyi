@@ -28,6 +28,7 @@ __all__ = [
     "calibrate_sizes",
     "calibrate_strip",
     "colours_from_labels",
+    "findings",
     "ground_map",
     "learn_colours",
     "render",
@@ -349,3 +350,9 @@ class LogReader:
         self, topics: list[str] = ..., *, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[str, int, Any]]: ...
     def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[tuple[int, NDArray[np.uint8]]]: ...
+
+def findings(path: str | PathLike[str]) -> tuple[int, list[tuple[str, str, float, float, float, float, list[str], str]]]:
+    """Number of cycles of a log, and its findings in order of time.
+
+    Each is kind, severity, start, stop and worst stamp (s), size, causes and sentence.
+    """

@@ -8,6 +8,7 @@ mod cycle;
 mod detections;
 pub mod embedded;
 mod errors;
+mod findings;
 mod ground_map;
 mod log;
 mod profile;
@@ -46,6 +47,7 @@ pub fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<robot_pipeline::Pipeline>()?;
     module.add_class::<cycle::Cycle>()?;
     module.add_class::<log::LogReader>()?;
+    module.add_function(wrap_pyfunction!(findings::findings, module)?)?;
     module.add("LogError", module.py().get_type::<log::LogError>())?;
     Ok(())
 }

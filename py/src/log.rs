@@ -267,7 +267,7 @@ fn signal_check() -> impl FnMut() -> anyhow::Result<()> {
     }
 }
 
-fn log_error(error: anyhow::Error) -> PyErr {
+pub(crate) fn log_error(error: anyhow::Error) -> PyErr {
     match error.downcast::<PyErr>() {
         Ok(error) => error,
         Err(error) if errors::is_io(&error) => errors::from_anyhow(&error),

@@ -7,7 +7,7 @@ use clap::{Parser, Subcommand};
 use crate::commands::arguments::UsageError;
 use crate::commands::{bench, calibrate, demo, doctor, locate, record, recover, replay, sim};
 #[cfg(feature = "python")]
-use crate::commands::{mirror, report, script};
+use crate::commands::{import, mirror, report, script};
 use crate::eval;
 #[cfg(feature = "view")]
 use crate::view;
@@ -41,6 +41,8 @@ enum Command {
     #[cfg(feature = "view")]
     View(view::Args),
     Recover(recover::Args),
+    #[cfg(feature = "python")]
+    Import(import::Args),
     Calibrate(calibrate::Args),
     Bench(bench::Args),
     Eval(eval::Args),
@@ -90,6 +92,8 @@ pub fn run() -> ExitCode {
         Command::Bench(args) => bench::run(&args, cli.json),
         Command::Eval(args) => eval::run(&args, cli.json),
         Command::Recover(args) => recover::run(&args, cli.json),
+        #[cfg(feature = "python")]
+        Command::Import(args) => import::run(&args, cli.json),
         #[cfg(feature = "python")]
         Command::Report(args) => report::run(&args, cli.json),
         #[cfg(feature = "python")]

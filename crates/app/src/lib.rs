@@ -13,6 +13,7 @@ mod view;
 mod virtual_hardware;
 
 mod net;
+mod ros2;
 mod stream;
 
 mod interrupt;

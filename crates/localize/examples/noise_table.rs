@@ -2,6 +2,7 @@
 
 use localize::synthetic::consistency::{ConsistencyScore, evaluate_consistency};
 use localize::synthetic::rough_drive::RoughDriveConfig;
+use localize::synthetic::starts::evaluate_starts;
 use localize::{Field, LocalizeConfig, Localizer};
 
 #[expect(clippy::too_many_lines, reason = "one table, condition by condition")]
@@ -40,7 +41,7 @@ fn main() {
         |drive: &RoughDriveConfig| evaluate_consistency(&field, &config, drive, 0..seeds, seconds);
     if part.is_empty() || part.contains("grid") {
         println!(
-            "NEES (1 is consistent): odometry noise x tilt / deg x points sigma; mean error / cm"
+            "NEES (1 is consistent) [95 % interval]: odometry noise x tilt / deg x points sigma; mean error / cm"
         );
         let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
         let mut outside = 0;
@@ -55,8 +56,10 @@ fn main() {
                     high = high.max(score.nees);
                     outside += usize::from(!(0.7..=1.4).contains(&score.nees));
                     line += &format!(
-                        "  x{points}: {:5.2} ({:.2} cm, {:.2} deg, lost {})",
+                        "  x{points}: {:5.2} [{:.2}, {:.2}] ({:.2} cm, {:.2} deg, lost {})",
                         score.nees,
+                        score.nees_interval[0],
+                        score.nees_interval[1],
                         50.0 * (score.mean_error[0] + score.mean_error[1]),
                         score.mean_error[2],
                         score.lost
@@ -66,6 +69,9 @@ fn main() {
             }
         }
         println!("range {low:.2} to {high:.2}, {outside} of 27 outside 0.7 to 1.4");
+    }
+    if part == "starts" {
+        print_starts(&field, &config, seeds, seconds);
     }
     let print = |name: &str, score: ConsistencyScore| {
         println!(
@@ -154,6 +160,31 @@ fn main() {
     }
     if part.is_empty() || part.contains("time") {
         times(&field, &config, &base);
+    }
+}
+
+/// How do unknown starts end? Not among the parts that run without a name.
+fn print_starts(field: &Field, config: &LocalizeConfig, seeds: u64, seconds: f64) {
+    println!(
+        "starts that claimed a wrong place (images), that end there, that track nothing; time to a tracked pose: median, 95 %, largest"
+    );
+    for odometry in [0.25, 1.0, 4.0] {
+        for tilt in [0.0, 0.45, 1.0] {
+            for points in [0.5, 1.0, 2.0] {
+                let drive = RoughDriveConfig::with_scaled_errors(odometry, tilt, points);
+                let score = evaluate_starts(field, config, &drive, 0..seeds, seconds);
+                let [median, most] = score.time_to_pose;
+                println!(
+                    "odo {odometry:4} tilt {tilt:4} x{points}: {} ({}), {}, {} of {}; {median:.2}, {most:.2}, {:.2} s",
+                    score.wrong,
+                    score.wrong_images,
+                    score.wrong_at_end,
+                    score.undecided,
+                    score.starts,
+                    score.time_to_pose_max
+                );
+            }
+        }
     }
 }
 

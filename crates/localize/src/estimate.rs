@@ -110,25 +110,12 @@ impl Estimate {
     #[cfg(any(test, feature = "synthetic"))]
     pub fn tracked(stamp: Stamp, pose: Pose, covariance: Matrix3<f32>) -> Self {
         Estimate {
-            stamp,
             pose: Some(pose),
-            covariance,
             mode: Mode::Tracking,
-            reason: None,
-            inlier_rms: 0.0,
             inlier_share: 1.0,
             line_points: 50,
-            tilt: [0.0; 2],
             half_known: true,
-            odometry_scales: [1.0; 2],
-            odometry_correction: UNCORRECTED_MOTION,
-            twist: None,
-            collision: false,
-            gyro_bias: 0.0,
-            latency: 0.0,
-            fit: Default::default(),
-            map_correction: None,
-            runners_up: Vec::new(),
+            ..Estimate::lost(stamp, covariance)
         }
     }
 

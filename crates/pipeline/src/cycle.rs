@@ -63,6 +63,9 @@ pub struct Inputs {
     pub changed_config_toml: Option<Arc<str>>,
     /// The state from which a new pipeline went on at this cycle. Replay can start here.
     pub warm_start: Option<WarmStart>,
+    /// What a check of the set-up found during the run, if that changes: covariance of (x, y, θ) that is added to each pose
+    /// from this cycle on. Zero: the set-up is no longer doubtful.
+    pub setup_doubt: Option<Matrix3<f32>>,
 }
 
 /// Durations of the stages: the only part of a cycle that differs from run to run.

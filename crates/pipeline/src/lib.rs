@@ -22,6 +22,7 @@ pub mod pipeline;
 mod warm_start;
 
 pub mod feed;
+pub mod findings;
 pub mod log;
 
 pub mod datagram;

@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::field::GoalColour;
-use localize::map_correction::{MapBasis, MapCorrection};
+use localize::map_correction::MapCorrection;
 
 use localize::localizer::Localizer;
 use localize::robot::{ExposureSetting, ImuCalibration, OdometryCalibration};
@@ -17,7 +17,6 @@ use nalgebra::Matrix3;
 use vision::exposure::{AutoExposure, ExposureStatus};
 use vision::image_check::ImageCheck;
 use vision::objects::goals::GoalKind;
-use vision::optics::map_basis;
 use vision::process::{Detections, Vision};
 
 use crate::config::PipelineConfig;
@@ -120,7 +119,7 @@ impl Pipeline {
         if let (Some(detector), Some(colours)) = (&mut detector, &setup.colours) {
             detector.set_colour_table(colours.clone());
         }
-        let basis = map_basis(setup, &localize)?;
+        let basis = setup.map_basis(&localize)?;
         let origin_std = setup.map_origin_std(localize.map_correction.origin_std);
         let (mut localizer, notice) = build_localizer(setup, localize);
         localizer.set_map_basis(basis);
@@ -148,8 +147,10 @@ impl Pipeline {
     }
 
     /// Marks every pose as that of a doubtful set-up and adds this covariance to its own.
+    ///
+    /// It holds from the next cycle on, whose inputs say so: replay does the same. A covariance of zero ends the doubt.
     pub fn mark_setup_doubtful(&mut self, covariance: Matrix3<f32>) {
-        self.doubt = Some(covariance);
+        self.inputs.setup_doubt = Some(covariance);
     }
 
     /// Number of distinct pixels that the scan lines read, and their share of the image (minho2016: 63,378, 27.5 %).
@@ -166,6 +167,7 @@ impl Pipeline {
     /// Takes over the pose and the pending inputs of another pipeline, so that settings can change while the robot drives.
     pub fn warm_start_from(&mut self, other: &Pipeline) {
         self.inputs = other.inputs.clone();
+        self.inputs.setup_doubt = self.inputs.setup_doubt.or(other.doubt);
         self.start_from(&other.warm_start());
     }
 
@@ -176,10 +178,20 @@ impl Pipeline {
     pub fn replace_by(&mut self, mut next: Pipeline, change: SettingsChange) {
         let state = change.warm_start.unwrap_or_else(|| self.warm_start());
         next.inputs = std::mem::take(&mut self.inputs);
+        // Replay may start here.
+        next.inputs.setup_doubt = next.inputs.setup_doubt.or(self.doubt);
         next.start_from(&state);
         next.inputs.changed_config_toml = Some(change.config_toml);
         next.inputs.warm_start = Some(state);
         *self = next;
+    }
+
+    /// The state of this pipeline, at a given pose.
+    pub fn warm_start_at(&self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) -> WarmStart {
+        WarmStart {
+            pose: Some(StampedPose::new(stamp, pose, covariance)),
+            ..self.warm_start()
+        }
     }
 
     fn warm_start(&self) -> WarmStart {
@@ -223,6 +235,7 @@ impl Pipeline {
                 self.inputs.changed_config_toml = Some(change.config_toml);
                 self.inputs.warm_start = change.warm_start;
             }
+            Sample::SetupDoubt(covariance) => self.mark_setup_doubtful(covariance),
             Sample::Image(image) => return Some(self.process_image(image)),
         }
         None
@@ -238,6 +251,9 @@ impl Pipeline {
         inputs.image = features.image;
         inputs.exposure_setting = image.setting;
         self.add_inputs(&inputs);
+        if let Some(covariance) = inputs.setup_doubt {
+            self.doubt = (covariance != Matrix3::zeros()).then_some(covariance);
+        }
         let goals = correct_goals(features.goals, self.localizer.map_correction());
         self.localizer.add_goals(stamp, &goals);
         let mut estimate = self.localizer.process_points(stamp, &features.line_points);
@@ -322,7 +338,10 @@ impl Pipeline {
                     self.localizer.add_imu(&imu);
                 }
                 Sample::Command(command) => self.localizer.add_command(&command),
-                Sample::GroundTruth(_) | Sample::Settings(_) | Sample::Image(_) => {}
+                Sample::GroundTruth(_)
+                | Sample::Settings(_)
+                | Sample::SetupDoubt(_)
+                | Sample::Image(_) => {}
             }
         }
     }
@@ -368,19 +387,6 @@ impl Features {
             ..Features::default()
         }
     }
-}
-
-/// The possible errors of the setup's ground map. None without a camera.
-fn map_basis(setup: &Setup, config: &LocalizeConfig) -> Result<Option<MapBasis>> {
-    let Some((camera, map)) = setup.camera.as_ref() else {
-        return Ok(None);
-    };
-    let (height, config) = (config.matching.viewpoint_height, &config.map_correction);
-    let basis = match &setup.traced_mirror {
-        Some(profile) => map_basis::basis_from_profile(camera, profile, height, config)?,
-        None => map_basis::basis_from_map(camera, map, height, config),
-    };
-    Ok(Some(basis))
 }
 
 /// A localizer on the setup's field, and a notice about its scan map, which comes from the cache folder if possible.

@@ -10,6 +10,7 @@ use localize::frames::{At, FieldFrame};
 use localize::robot::ExposureSetting;
 use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::TeamReport;
+use nalgebra::Matrix3;
 use vision::image::{Image, ImageView, PixelFormat};
 use vision::process::Detections;
 
@@ -49,6 +50,8 @@ pub enum Sample {
     GroundTruth(GroundTruth),
     /// Settings (TOML) that were changed during the run and hold from the next cycle on. Who owns the pipeline replaces it.
     Settings(SettingsChange),
+    /// Covariance of (x, y, θ) that is added to the poses of a doubtful set-up from the next cycle on. Zero ends the doubt.
+    SetupDoubt(Matrix3<f32>),
     /// An image. It completes a cycle.
     Image(CameraImage),
 }

@@ -5,9 +5,12 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use localize::Field;
+use localize::config::LocalizeConfig;
+use localize::map_correction::MapBasis;
 use localize::robot::{CameraConfig, CameraSection, RobotConfig};
 use vision::calibrate::mask::load_mask;
 use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
+use vision::optics::map_basis;
 use vision::{GroundMap, Mount, Profile, optics};
 
 /// A robot and its field, loaded and validated.
@@ -120,6 +123,18 @@ impl Setup {
     /// True if the ground map was calibrated, so that centre, forward direction and flip of the camera do not matter.
     pub fn is_calibrated(&self) -> bool {
         self.robot.map.is_some() || self.robot.mirror.is_none()
+    }
+
+    /// The possible errors of the ground map. None without a camera. Errors if a mirror cannot be traced.
+    pub fn map_basis(&self, config: &LocalizeConfig) -> Result<Option<MapBasis>> {
+        let Some((camera, map)) = &self.camera else {
+            return Ok(None);
+        };
+        let (height, config) = (config.matching.viewpoint_height, &config.map_correction);
+        Ok(Some(match &self.traced_mirror {
+            Some(profile) => map_basis::basis_from_profile(camera, profile, height, config)?,
+            None => map_basis::basis_from_map(camera, map, height, config),
+        }))
     }
 
     /// Standard deviation of the map's origin from the robot's centre, per axis, metres: that of robot.toml, else `default`.

@@ -67,8 +67,14 @@ fn check_unknown_mount(robot: &str) {
     assert!(before > 0.025, "{robot}: {before} m without the correction");
     assert!(after < 0.015, "{robot}: {after} m, {before} m without");
     assert!(nees < 2.0, "{robot}: {nees}");
-    let (_, nees) = mean_from(&healed, 0.0);
-    assert!(nees < 2.0, "{robot}: {nees} from the start on");
+    // In every part of the drive, before anything is learned too: points that scatter little do not make a wrong map right.
+    for window in healed.chunks(30) {
+        let (error, nees) = mean_from(window, 0.0);
+        let from = window[0].seconds;
+        assert!(nees < 3.0, "{robot}: {nees} from {from} s on, {error} m");
+    }
+    let (_, nees) = mean_from(&healed[..90], 0.0);
+    assert!(nees < 2.0, "{robot}: {nees} in the first 3 s");
     assert!(healed.iter().all(|image| !image.lost), "{robot}");
 }
 

@@ -7,8 +7,11 @@
 
 from mirrorball.mirror.cad_export import Export, read_dxf, read_stl, write_csv, write_dxf, write_step, write_stl
 from mirrorball.mirror.design_file import DesignSpec, load
+from mirrorball.mirror.drawing import drawing, radius_table, write_pdf
+from mirrorball.mirror.ground_costs import GroundCost, ground_costs
 from mirrorball.mirror.heights import VisibleHeights, visible_heights
 from mirrorball.mirror.optical_analysis import Lens, ObjectSizes, OpticalAnalysis, View, judge
+from mirrorball.mirror.papers import PaperFigure, compare_with_papers
 from mirrorball.mirror.parts import (
     Cone,
     ConstantCurvature,
@@ -21,6 +24,7 @@ from mirrorball.mirror.parts import (
     Sphere,
     VerticallyIsometric,
 )
+from mirrorball.mirror.preview import Preview, plot_preview, preview
 from mirrorball.mirror.profile_design import Mirror, design
 from mirrorball.mirror.reference_designs import REFERENCE_DESIGNS, lima2001, minho_like, nubot2013, sphere_cone_1999
 from mirrorball.mirror.reflection import Rays, reflect, slope_to_point
@@ -45,6 +49,7 @@ __all__ = [
     "DesignSpec",
     "Export",
     "Free",
+    "GroundCost",
     "GroundErrors",
     "Heights",
     "HorizontallyIsometric",
@@ -56,9 +61,11 @@ __all__ = [
     "ObjectSizes",
     "OpticalAnalysis",
     "OptimisationResult",
+    "PaperFigure",
     "Paraboloid",
     "Part",
     "Planar",
+    "Preview",
     "Rays",
     "Report",
     "Requirement",
@@ -69,8 +76,11 @@ __all__ = [
     "VerticallyIsometric",
     "View",
     "VisibleHeights",
+    "compare_with_papers",
     "design",
+    "drawing",
     "fit_camera",
+    "ground_costs",
     "judge",
     "lima2001",
     "load",
@@ -78,7 +88,10 @@ __all__ = [
     "monte_carlo",
     "nubot2013",
     "optimise",
+    "plot_preview",
     "plot_profile_and_image",
+    "preview",
+    "radius_table",
     "read_dxf",
     "read_stl",
     "reflect",
@@ -89,6 +102,7 @@ __all__ = [
     "visible_heights",
     "write_csv",
     "write_dxf",
+    "write_pdf",
     "write_step",
     "write_stl",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import json
 import math
@@ -14,9 +15,11 @@ import numpy as np
 from mirrorball._core import Field
 from mirrorball.mirror.cad_export import Export, write_csv, write_dxf, write_step, write_stl
 from mirrorball.mirror.design_file import DesignSpec, load
+from mirrorball.mirror.drawing import write_pdf
 from mirrorball.mirror.optical_analysis import OpticalAnalysis, judge
+from mirrorball.mirror.papers import compare_with_papers
 from mirrorball.mirror.plot_worker import PlotWorker
-from mirrorball.mirror.profile_design import Mirror
+from mirrorball.mirror.preview import plot_preview, preview
 from mirrorball.mirror.rendering import view
 from mirrorball.mirror.reporting import report as write_report
 
@@ -29,11 +32,12 @@ ASSUMPTIONS = (
 )
 """What every design supposes; docs/calibration.md measures what a robot really has."""
 
-WRITERS: dict[str, Callable[[Mirror, Path], Export]] = {
+WRITERS: dict[str, Callable[..., Export]] = {
     "csv": write_csv,
     "dxf": write_dxf,
     "stl": write_stl,
     "step": write_step,
+    "pdf": write_pdf,
 }
 """Formats of `export`."""
 
@@ -65,6 +69,7 @@ def report(source: str, *, out: str, mirrors: int, seed: int) -> Result:
             drawer=drawer,
         )
     result = {**_design_summary(plan, written.judgement), "page": str(written.page)}
+    result["papers"] = [dataclasses.asdict(figure) for figure in compare_with_papers(written.judgement)]
     if written.errors is not None:
         errors = written.errors
         result["errors"] = [
@@ -78,8 +83,19 @@ def report(source: str, *, out: str, mirrors: int, seed: int) -> Result:
     return result
 
 
-def render(source: str, *, out: str, field: str | None, pose: Sequence[float], ball: Sequence[float] | None) -> Result:
-    """Write the image that a robot with this mirror would take."""
+def render(
+    source: str,
+    *,
+    out: str,
+    field: str | None,
+    pose: Sequence[float],
+    ball: Sequence[float] | None,
+    scenario: str | None = None,
+    time_s: float = 0.0,
+) -> Result:
+    """Write the image that a robot with this mirror would take, or a scenario's scene beside its floor by the ideal map."""
+    if scenario is not None:
+        return _preview(source, out=out, scenario=scenario, time_s=time_s)
     if len(pose) != 3:
         raise ValueError(f"--pose needs x,y,heading, not {len(pose)} numbers")
     if ball is not None and len(ball) != 2:
@@ -99,14 +115,29 @@ def render(source: str, *, out: str, field: str | None, pose: Sequence[float], b
     return {"mirror": plan.mirror.name, "image": out, "width_px": image.shape[1], "height_px": image.shape[0]}
 
 
+def _preview(source: str, *, out: str, scenario: str, time_s: float) -> Result:
+    plan = load(source)
+    shown = preview(plan.mirror, scenario=scenario, camera=plan.camera, time_s=time_s)
+    _make_folder(Path(out).parent)
+    plot_preview(shown).savefig(out)
+    return {
+        "mirror": plan.mirror.name,
+        "image": out,
+        "time_s": shown.time_s,
+        "pose": list(shown.pose),
+        "map_errors": [{"distance_m": metre, "median_m": _round_or_none(error)} for metre, error in shown.map_error_m.items()],
+    }
+
+
 def export(source: str, *, out: str, formats: Sequence[str]) -> Result:
     """Write the workshop's files, each with its deviation."""
     plan = load(source)
     folder = _make_folder(Path(out))
     files = []
     for name in formats:
+        options = {"camera": plan.camera, "reach_m": plan.reach_m} if name == "pdf" else {}
         try:
-            written = WRITERS[name](plan.mirror, folder / f"{plan.mirror.name}.{name}")
+            written = WRITERS[name](plan.mirror, folder / f"{plan.mirror.name}.{name}", **options)
         except ImportError as error:
             raise ValueError(f"{name} needs cadquery-ocp-novtk: pip install it into this environment") from error
         files.append({"file": str(written.path), "deviation_m": written.deviation_m})

@@ -13,8 +13,10 @@ import numpy as np
 
 from mirrorball._core import Camera
 from mirrorball.html_page import inline, table, whole
+from mirrorball.mirror.ground_costs import GroundCost, cost_rows, ground_costs
 from mirrorball.mirror.heights import visible_heights
 from mirrorball.mirror.optical_analysis import Lens, OpticalAnalysis, judge
+from mirrorball.mirror.papers import compare_with_papers
 from mirrorball.mirror.plot_worker import PlotWorker, draw
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
@@ -81,6 +83,7 @@ def report(
     # A report appears complete or not at all.
     with tempfile.TemporaryDirectory(prefix=".report-", dir=final) as unfinished:
         errors = _write_report(
+            mirror,
             judged,
             folder=Path(unfinished),
             camera=camera,
@@ -104,6 +107,7 @@ def report(
 
 
 def _write_report(
+    mirror: Mirror,
     judged: OpticalAnalysis,
     *,
     folder: Path,
@@ -124,9 +128,13 @@ def _write_report(
     if drawer is not None:
         drawer.finish()
     sections = [_section(name, heading, folder) for name, heading in FIGURES.items()]
+    costs = ground_costs(mirror, camera=camera, reach_m=judged.reach_m)
+    sections += ["<h2>What an imperfection costs</h2>", table(cost_rows(costs)[0], cost_rows(costs)[1:])]
+    sections += ["<h2>The papers' mirrors</h2>", _paper_table(judged)]
     if found is not None:
         sections += [_section("tolerances", "Tolerances", folder), _error_table(found)]
     _write_tables(judged, folder)
+    _write_costs(costs, folder)
     with replacing(folder / "index.html") as part:
         part.write_text(_page(judged, camera, sections), encoding="utf-8")
     return found
@@ -149,6 +157,21 @@ def _write_tables(judged: OpticalAnalysis, folder: Path) -> None:
         text = "".join(",".join(row) + "\n" for row in rows)
         with replacing(folder / f"{name}.csv") as part:
             part.write_text(text, encoding="utf-8")
+
+
+def _write_costs(costs: list[GroundCost], folder: Path) -> None:
+    """costs.csv: imperfection, distance_m, rms_m, largest_m."""
+    lines = ["imperfection,distance_m,rms_m,largest_m"]
+    for cost in costs:
+        columns = zip(cost.distance_m, cost.rms_m, cost.largest_m, strict=True)
+        lines += [f"{cost.imperfection},{distance:.6g},{rms:.6g},{largest:.6g}" for distance, rms, largest in columns]
+    with replacing(folder / "costs.csv") as part:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _paper_table(judged: OpticalAnalysis) -> str:
+    rows = [[figure.source, figure.quantity, figure.paper, figure.design] for figure in compare_with_papers(judged)]
+    return table(["Paper", "", "its mirror", judged.name], rows)
 
 
 def _section(name: str, heading: str, folder: Path) -> str:

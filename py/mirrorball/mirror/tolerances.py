@@ -81,6 +81,27 @@ class GroundErrors:
     count: int
 
 
+class PixelErrors:
+    """Pixels at ground distances and directions around the robot, and how far off an imperfect mirror shows each."""
+
+    def __init__(self, mirror: Mirror, *, camera: Camera, reach_m: float) -> None:
+        self._mirror, self._camera = mirror, camera
+        self.distance_m, t = _sample_distances(mirror, reach_m=reach_m)
+        rho = np.repeat(t * camera.focal_px, AZIMUTHS)
+        turn = np.tile(np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS), t.size)
+        self._u, self._v = camera.centre_px[0] + rho * np.cos(turn), camera.centre_px[1] + rho * np.sin(turn)
+        self.radius_m, self.height_m = mirror.samples(step_m=1e-4)
+        self._profile = Profile(radius_m=self.radius_m, height_m=self.height_m)
+        plain = _scaled_camera(camera, mirror, focal_factor=1.0)
+        self._nominal = _ground_points(plain, self._profile, self._u, self._v, Mount())
+
+    def of(self, profile: Profile | None = None, *, mount: Mount | None = None, focal_factor: float = 1.0) -> Array:
+        """Errors along and across the line of sight, 2 × (distances · `AZIMUTHS`), metres; NaN where no ground is seen."""
+        real = _scaled_camera(self._camera, self._mirror, focal_factor=focal_factor)
+        shown = _ground_points(real, profile or self._profile, self._u, self._v, mount or Mount())
+        return _radial_tangential_errors(self._nominal, shown)
+
+
 def monte_carlo(
     mirror: Mirror,
     *,
@@ -95,13 +116,8 @@ def monte_carlo(
     if count < 10:
         raise ValueError(f"count = {count}: at least 10 mirrors are needed for a 95 % limit")
     tolerances = tolerances or Tolerances()
-    distance, t = _sample_distances(mirror, reach_m=reach_m)
-    rho = np.repeat(t * camera.focal_px, AZIMUTHS)
-    turn = np.tile(np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS), t.size)
-    u, v = camera.centre_px[0] + rho * np.cos(turn), camera.centre_px[1] + rho * np.sin(turn)
-    radius, height = mirror.samples(step_m=1e-4)
-    plain = _scaled_camera(camera, mirror, focal_factor=1.0)
-    nominal = _ground_points(plain, Profile(radius_m=radius, height_m=height), u, v, Mount())
+    traced = PixelErrors(mirror, camera=camera, reach_m=reach_m)
+    distance, radius, height = traced.distance_m, traced.radius_m, traced.height_m
     rng = np.random.default_rng(seed)
     alone = max(count // 10, 10)
     with tqdm(total=count + alone * len(ERROR_SOURCES), unit="mirror", disable=not progress, leave=False) as bar:
@@ -116,10 +132,8 @@ def monte_carlo(
                     mirror_offset_m=(float(offset[0]), float(offset[1])),
                     mirror_raise_m=float(rng.normal() * spread.height_m),
                 )
-                real = _scaled_camera(camera, mirror, focal_factor=1.0 + float(rng.normal()) * spread.focal_share)
-                found[index] = _radial_tangential_errors(nominal, _ground_points(real, profile, u, v, mount)).reshape(
-                    2, -1, AZIMUTHS
-                )
+                factor = 1.0 + float(rng.normal()) * spread.focal_share
+                found[index] = traced.of(profile, mount=mount, focal_factor=factor).reshape(2, -1, AZIMUTHS)
                 bar.update()
             return found
 

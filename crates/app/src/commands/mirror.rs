@@ -56,7 +56,10 @@ enum MirrorCommand {
     },
     /// Render the image of a robot with this mirror.
     #[command(
-        after_help = "Example: mirrorball mirror render minho_like --pose=-3,1,30 --ball=-1,0 --out view.png"
+        after_help = "Examples: mirrorball mirror render minho_like --pose=-3,1,30 --ball=-1,0 --out view.png\n\
+                      \x20         mirrorball mirror render mirror.toml --scenario config/scenarios/hall_bright.toml --time 2\n\
+                      With --scenario the picture shows the scene with its light, robots and crooked mount, and beside it the\n\
+                      floor that the ideal map of the mirror makes of it, with the field's lines where they are."
     )]
     Render {
         /// TOML file or ready-made name.
@@ -79,6 +82,12 @@ enum MirrorCommand {
         /// A ball's x and y, metres.
         #[arg(long, value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
         ball: Option<Vec<f64>>,
+        /// Scene of a scenario (TOML), with this mirror and camera on its robot; the scenario places robot and ball.
+        #[arg(long, conflicts_with_all = ["field", "pose", "ball"])]
+        scenario: Option<PathBuf>,
+        /// Moment of the scene, seconds from the scenario's start.
+        #[arg(long, default_value_t = 0.0, requires = "scenario")]
+        time: f64,
     },
     /// Write files for the workshop and print the deviation of each from the design.
     #[command(
@@ -91,7 +100,7 @@ enum MirrorCommand {
         #[arg(long)]
         out: PathBuf,
         /// File formats.
-        #[arg(long, value_delimiter = ',', default_values_t = [ExportFormat::Csv, ExportFormat::Dxf, ExportFormat::Stl])]
+        #[arg(long, value_delimiter = ',', default_values_t = [ExportFormat::Csv, ExportFormat::Dxf, ExportFormat::Stl, ExportFormat::Pdf])]
         formats: Vec<ExportFormat>,
     },
 }
@@ -103,6 +112,8 @@ enum ExportFormat {
     Dxf,
     Stl,
     Step,
+    /// Dimensioned drawing with tables of radii and of what imperfections cost.
+    Pdf,
 }
 
 impl std::fmt::Display for ExportFormat {
@@ -112,6 +123,7 @@ impl std::fmt::Display for ExportFormat {
             ExportFormat::Dxf => "dxf",
             ExportFormat::Stl => "stl",
             ExportFormat::Step => "step",
+            ExportFormat::Pdf => "pdf",
         })
     }
 }
@@ -157,11 +169,15 @@ fn call_python(py: Python<'_>, command: &MirrorCommand, json: bool) -> PyResult<
             field,
             pose,
             ball,
+            scenario,
+            time,
         } => {
             options.set_item("out", text(out))?;
             options.set_item("field", field.as_deref().map(text))?;
             options.set_item("pose", pose)?;
             options.set_item("ball", ball.as_ref())?;
+            options.set_item("scenario", scenario.as_deref().map(text))?;
+            options.set_item("time_s", time)?;
             ("render", design)
         }
         MirrorCommand::Export {

@@ -5,6 +5,8 @@ pub(crate) mod bench;
 pub(crate) mod calibrate;
 pub(crate) mod demo;
 pub(crate) mod doctor;
+#[cfg(feature = "python")]
+pub(crate) mod import;
 pub(crate) mod locate;
 #[cfg(feature = "python")]
 pub(crate) mod mirror;

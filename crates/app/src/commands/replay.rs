@@ -1,6 +1,6 @@
 //! `mirrorball replay`: verify a log by computing it again, or export it as a recording folder.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
@@ -12,10 +12,13 @@ use pipeline::sample::Sample;
 use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Pipeline, PipelineConfig};
 
+use super::arguments::UsageError;
+use crate::ros2::bag::{self, BagSummary};
+
 /// Compute a log again: verify that the estimates are bit-identical, or export it as a recording folder.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example: mirrorball replay game.mcap --verify\n         mirrorball replay game.mcap --export game/"
+    after_help = "Example: mirrorball replay game.mcap --verify\n         mirrorball replay game.mcap --export game/\n         mirrorball replay game.mcap --export game_ros.mcap --format ros2"
 )]
 pub(crate) struct Args {
     /// The log.
@@ -23,13 +26,25 @@ pub(crate) struct Args {
     /// Compute every estimate again and compare it bit by bit (the default).
     #[arg(long)]
     verify: bool,
-    /// Write the log as a recording folder.
-    #[arg(long, value_name = "DIR")]
+    /// Write the log as a recording folder, or as a ROS 2 bag.
+    #[arg(long, value_name = "DIR|BAG.mcap")]
     export: Option<PathBuf>,
+    /// What to export: a recording folder, or a ROS 2 bag (an MCAP file).
+    #[arg(long, value_enum, default_value_t = ExportFormat::Recording, requires = "export")]
+    format: ExportFormat,
     /// Show the log in a window, with the recomputed run next to the recorded one.
     #[cfg(feature = "view")]
     #[arg(long, conflicts_with_all = ["verify", "export"])]
     view: bool,
+}
+
+/// What `--export` writes.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum ExportFormat {
+    /// Images and CSV files.
+    Recording,
+    /// A bag of ROS 2.
+    Ros2,
 }
 
 /// What `--json` prints.
@@ -39,6 +54,9 @@ struct Outcome {
     verified: Option<VerifyOutcome>,
     #[serde(skip_serializing_if = "Option::is_none")]
     exported: Option<ExportOutcome>,
+    /// The bag that was written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bag: Option<BagSummary>,
     /// Sentences about a doubtful set-up; empty when all is well.
     warnings: Vec<String>,
 }
@@ -69,7 +87,9 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         return crate::view::show_recomputed(&args.log);
     }
     let mut summary = Outcome::default();
-    if let Some(folder) = &args.export {
+    if let (Some(path), ExportFormat::Ros2) = (&args.export, args.format) {
+        summary.bag = Some(export_bag(&args.log, path, json)?);
+    } else if let Some(folder) = &args.export {
         let exported = log::export(LogReader::open(&args.log)?, folder)?;
         let whole = exported.end == LogCompleteness::Complete;
         if !json {
@@ -151,6 +171,41 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             stamp.seconds()
         ),
     }
+}
+
+/// Writes the log as a ROS 2 bag.
+fn export_bag(log: &Path, path: &Path, json: bool) -> Result<BagSummary> {
+    if path.extension().is_none_or(|ending| ending != "mcap") {
+        return Err(UsageError(format!(
+            "--export {}: not the name of a bag (expected a file that ends with .mcap)",
+            path.display()
+        ))
+        .into());
+    }
+    ensure_distinct_files(log, path)?;
+    let written = bag::export(LogReader::open(log)?, path)?;
+    if !json {
+        let cut = if written.whole {
+            ""
+        } else {
+            " (the log is truncated: up to its last complete chunk)"
+        };
+        let counts = written.messages.iter();
+        let counts: Vec<String> = counts
+            .map(|(topic, count)| format!("{topic} {count}"))
+            .collect();
+        println!("{}{cut}: {}", counts.join(", "), path.display());
+    }
+    Ok(written)
+}
+
+/// Rejects the log itself as output.
+fn ensure_distinct_files(log: &Path, out: &Path) -> Result<()> {
+    let same = matches!((log.canonicalize(), out.canonicalize()), (Ok(log), Ok(out)) if log == out);
+    if same {
+        return Err(UsageError(format!("--export {}: this is the log", out.display())).into());
+    }
+    Ok(())
 }
 
 /// Runs a new pipeline, built from the log's own files, over the log. Returns warnings about its set-up, too.

@@ -7,10 +7,13 @@ pub(crate) mod latency;
 pub(crate) mod log_rotation;
 pub(crate) mod network;
 pub(crate) mod patrol;
+#[cfg(feature = "ros2")]
+mod pose_reset;
 pub(crate) mod raw_image;
 mod replay_start;
 pub(crate) mod robot_folder;
 mod run_loop;
+mod setup_watch;
 pub(crate) mod status;
 pub(crate) mod stderr_writer;
 pub(crate) mod stop_flag;

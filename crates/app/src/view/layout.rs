@@ -46,7 +46,10 @@ pub(crate) fn build_tree(layout: PanelLayout) -> Tree<Pane> {
     let root = match layout {
         PanelLayout::Watch => {
             let (camera, field) = (tabs(&[Pane::Camera]), tabs(&[Pane::Field]));
-            let (plots, time) = (tabs(&[Pane::Plots, Pane::Health]), tabs(&[Pane::Timeline]));
+            let (plots, time) = (
+                tabs(&[Pane::Plots, Pane::Findings, Pane::Health]),
+                tabs(&[Pane::Timeline]),
+            );
             let above = split(&mut tiles, LinearDir::Horizontal, [camera, field], 0.42);
             let below = split(&mut tiles, LinearDir::Horizontal, [time, plots], 0.42);
             split(&mut tiles, LinearDir::Vertical, [above, below], 0.66)
@@ -59,7 +62,7 @@ pub(crate) fn build_tree(layout: PanelLayout) -> Tree<Pane> {
         }
         PanelLayout::Localization => {
             let (field, time) = (tabs(&[Pane::Field]), tabs(&[Pane::Timeline]));
-            let side = tabs(&[Pane::Plots, Pane::Parameters]);
+            let side = tabs(&[Pane::Plots, Pane::Findings, Pane::Parameters]);
             let camera = tabs(&[Pane::Camera]);
             let left = split(&mut tiles, LinearDir::Vertical, [field, time], 0.78);
             let right = split(&mut tiles, LinearDir::Vertical, [side, camera], 0.6);

@@ -170,6 +170,7 @@ impl View {
                     session.playback.playing = matches!(session.source, Source::Live(_));
                 }
             }
+            Action::SeekFinding(ahead) => session.next_finding(ahead),
             Action::AddMark => session.add_mark(""),
             Action::ScaleSpeed(factor) => session.set_speed(session.playback.speed * factor),
             Action::ToggleClasses => camera.layers.classes = !camera.layers.classes,

@@ -8,12 +8,13 @@ use super::layout::{LAYOUTS, PanelLayout};
 const SEEK_STEP: f64 = 1.0;
 
 /// Rows of the window that `?` opens: keys and their effect.
-const SHORTCUTS: [(&str, &str); 17] = [
+const SHORTCUTS: [(&str, &str); 18] = [
     ("Space", "play or pause"),
     ("Left, Right", "previous or next cycle"),
     ("Shift+Left, Shift+Right", "one second back or forward"),
     ("Home, End", "to the start or end (live source: now)"),
     ("M", "add a mark at the current time"),
+    ("N, Shift+N", "to the next or previous odd moment"),
     ("[ and ]", "slower or faster"),
     ("1 to 6", "Watch, Eyes, Place, Simulate, Calibrate, Health"),
     ("B", "camera: bird's-eye view"),
@@ -52,6 +53,8 @@ pub(crate) enum Action {
     SeekToStart,
     /// Go to the last shown time.
     SeekToEnd,
+    /// Go to the next odd moment (true) or to the previous one.
+    SeekFinding(bool),
     /// Mark the shown time.
     AddMark,
     /// Multiply the playback speed.
@@ -106,6 +109,11 @@ pub(crate) fn pressed_actions(ctx: &egui::Context) -> Vec<Action> {
         } else if plain(key) {
             actions.push(Action::Step(cycles));
         }
+    }
+    if shifted(Key::N) {
+        actions.push(Action::SeekFinding(false));
+    } else if plain(Key::N) {
+        actions.push(Action::SeekFinding(true));
     }
     for (key, action) in [
         (Key::Home, Action::SeekToStart),

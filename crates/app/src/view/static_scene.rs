@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use localize::LocalizeConfig;
 use localize::field::Field;
 use localize::frames::{At, Pose, RobotFrame};
+use localize::map_correction::{MapBasis, MapCorrectionEstimate, PreparedBasis, TERMS_MAX};
 use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
 use localize::robot::CameraConfig;
 use localize::robot::RobotConfig;
@@ -14,6 +16,11 @@ use vision::overlay::marking_points;
 
 use super::inverse_ground_map::InverseGroundMap;
 use pipeline::setup::Setup;
+
+/// Displacement of points 3 m away from which a map counts as corrected, metres. Rounding moves points by micrometres.
+const DISPLACEMENT_MIN: f32 = 1e-4;
+/// Steps that find the given map's point of a corrected one.
+const INVERSION_STEPS: usize = 4;
 
 /// Spacing of the points along a projected marking, metres: small enough to show the mirror's distortion.
 const MARKING_POINT_SPACING: f32 = 0.1;
@@ -48,6 +55,19 @@ pub(crate) struct CameraModel {
     pub(crate) inverse: InverseGroundMap,
     /// Height of the viewpoint, metres.
     pub(crate) viewpoint_height: f32,
+    /// Possible errors of the map. None if they cannot be traced: it is drawn as given then.
+    basis: Option<MapBasis>,
+}
+
+/// How a robot stands when its image is taken, and what it learned about its map.
+#[derive(Clone, Copy)]
+pub(crate) struct View<'a> {
+    /// On the field.
+    pub(crate) pose: Pose,
+    /// Tilt (a, b), radians.
+    pub(crate) tilt: [f32; 2],
+    /// None: the map as given.
+    pub(crate) correction: Option<&'a MapCorrectionEstimate>,
 }
 
 impl StaticScene {
@@ -56,11 +76,15 @@ impl StaticScene {
         let height = setup
             .viewpoint_height
             .unwrap_or(localize::robot::DEFAULT_MIRROR_RIM_HEIGHT);
+        let mut config = LocalizeConfig::default();
+        config.matching.viewpoint_height = height;
+        let basis = setup.map_basis(&config).unwrap_or_default();
         let camera = setup.camera.map(|(config, map)| CameraModel {
             inverse: InverseGroundMap::new(&map),
             config,
             map,
             viewpoint_height: height,
+            basis,
         });
         StaticScene {
             robot: setup.robot,
@@ -73,16 +97,17 @@ impl StaticScene {
         }
     }
 
-    /// Line segments of the markings in pixels, as the camera sees them from `pose` with the tilt (rad) `tilt`.
-    pub(crate) fn project_markings(&self, pose: Pose, tilt: [f32; 2]) -> Vec<[[f32; 2]; 2]> {
+    /// Line segments of the markings in pixels, as the camera sees them.
+    pub(crate) fn project_markings(&self, view: View<'_>) -> Vec<[[f32; 2]; 2]> {
         let Some(camera) = &self.camera else {
             return Vec::new();
         };
-        let robot_from_field = pose.inverse();
+        let robot_from_field = view.pose.inverse();
+        let prepared = camera.prepare_correction(view.correction);
         let mut segments = Vec::new();
         let mut last: Option<(At<localize::FieldFrame>, [f32; 2])> = None;
         for &at in &self.marking_points {
-            let pixel = camera.project(robot_from_field * at, tilt);
+            let pixel = camera.project(robot_from_field * at, view.tilt, prepared.as_ref());
             if let (Some((before, from)), Some(to)) = (last, pixel)
                 && before.distance_to(at) < GAP_STEPS * MARKING_POINT_SPACING
             {
@@ -95,9 +120,93 @@ impl StaticScene {
 }
 
 impl CameraModel {
+    /// The map's correction, ready for many points. None while the given map is in use.
+    fn prepare_correction(
+        &self,
+        correction: Option<&MapCorrectionEstimate>,
+    ) -> Option<PreparedBasis<'_>> {
+        let basis = self.basis.as_ref()?;
+        let estimate =
+            correction.filter(|estimate| estimate.displacement_at_3_m > DISPLACEMENT_MIN)?;
+        let mut coefficients = [0.0; TERMS_MAX];
+        for (coefficient, term) in coefficients.iter_mut().zip(basis.terms()) {
+            let learned = estimate.terms.iter().find(|each| each.kind == term.kind);
+            *coefficient = learned.map_or(0.0, |learned| learned.value);
+        }
+        Some(basis.prepare(coefficients))
+    }
+
     /// Pixel of a ground point in the image of a robot with this tilt; None if it is not visible.
-    pub(crate) fn project(&self, ground: At<RobotFrame>, tilt: [f32; 2]) -> Option<[f32; 2]> {
-        let [x, y] = map_from_ground([ground.x, ground.y], tilt, self.viewpoint_height)?;
+    pub(crate) fn project(
+        &self,
+        ground: At<RobotFrame>,
+        tilt: [f32; 2],
+        correction: Option<&PreparedBasis<'_>>,
+    ) -> Option<[f32; 2]> {
+        let corrected = map_from_ground([ground.x, ground.y], tilt, self.viewpoint_height)?;
+        let [x, y] = correction.map_or(corrected, |correction| {
+            invert_displacement(correction, corrected)
+        });
         self.inverse.project(&self.map, At::new(x, y))
+    }
+}
+
+/// The point that the given map shows where the corrected one shows `corrected`. Corrections are small and smooth.
+fn invert_displacement(correction: &PreparedBasis<'_>, corrected: [f32; 2]) -> [f32; 2] {
+    let mut given = corrected;
+    for _ in 0..INVERSION_STEPS {
+        let [x, y] = correction.displace(given).at;
+        given[0] += corrected[0] - x;
+        given[1] += corrected[1] - y;
+    }
+    given
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use localize::map_correction::TermEstimate;
+
+    use super::*;
+
+    #[test]
+    fn overlay_follows_the_corrected_map() {
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/default.toml");
+        let scene = StaticScene::new(Setup::load(&robot, None).expect("a robot"));
+        let camera = scene.camera.as_ref().expect("a camera");
+        let basis = camera.basis.as_ref().expect("a basis");
+        let terms = basis.terms().iter().map(|term| TermEstimate {
+            kind: term.kind,
+            value: term.std,
+            std: 0.0,
+        });
+        let mut learned = MapCorrectionEstimate {
+            terms: terms.collect(),
+            displacement_at_3_m: 0.1,
+            ..MapCorrectionEstimate::default()
+        };
+        let prepared = camera.prepare_correction(Some(&learned)).expect("in use");
+        let mut moved = 0.0_f32;
+        for k in 0..24 {
+            let (sin, cos) = (0.26 * k as f32).sin_cos();
+            let range = 1.0 + 0.12 * k as f32;
+            let ground = At::new(range * cos, range * sin);
+            let Some([u, v]) = camera.project(ground, [0.0; 2], Some(&prepared)) else {
+                continue;
+            };
+            // What the given map shows at this pixel, the correction puts where the point is.
+            let shown = camera.map.interpolate(u, v).expect("ground");
+            let [x, y] = prepared.displace([shown.x, shown.y]).at;
+            let error = (x - ground.x).hypot(y - ground.y);
+            assert!(error < 0.02, "{ground:?}: {error} m");
+            moved = moved.max(shown.distance_to(ground));
+        }
+        assert!(moved > 0.05, "the correction moves the overlay: {moved} m");
+        learned.displacement_at_3_m = 0.0;
+        assert!(
+            camera.prepare_correction(Some(&learned)).is_none(),
+            "the given map is in use"
+        );
     }
 }

@@ -14,10 +14,11 @@ use super::session::Session;
 use super::shell::View;
 use super::source::inbox::CycleInbox;
 use super::source::sim_worker::{SimWorker, SourceRequest};
+use pipeline::findings::{FindingKind, Severity};
 use pipeline::log::start_log;
 use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::simulation::Simulation;
-use pipeline::{Pipeline, PipelineConfig};
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 /// Generous for a loaded machine; no test waits for it unless it fails.
 const TIMEOUT: Duration = Duration::from_secs(120);
@@ -28,6 +29,11 @@ fn scenario() -> PathBuf {
 
 /// Records the first second of the demo scenario.
 fn record(path: &Path, images: ImageCompression) {
+    record_changed(path, images, |_, _| {});
+}
+
+/// Records it with cycles that `change` spoils; its first argument counts them.
+fn record_changed(path: &Path, images: ImageCompression, change: impl Fn(usize, &mut Cycle)) {
     let simulation = Simulation::load(&scenario(), None, Some(1.0)).expect("a scenario");
     let setup = simulation.setup().expect("a robot");
     let config = PipelineConfig::default();
@@ -38,7 +44,9 @@ fn record(path: &Path, images: ImageCompression) {
     };
     let mut recorder =
         start_log(path, "sim demo", Some(1), (&setup, &config), &log).expect("a log");
-    for cycle in simulation.filter_map(|sample| pipeline.process_sample(sample)) {
+    let cycles = simulation.filter_map(|sample| pipeline.process_sample(sample));
+    for (number, mut cycle) in cycles.enumerate() {
+        change(number, &mut cycle);
         recorder.record_cycle(Arc::new(cycle)).expect("written");
     }
     recorder.finish().expect("closed");
@@ -247,6 +255,60 @@ fn log_without_images_opens_with_a_warning() {
 }
 
 #[test]
+fn findings_are_listed_and_a_click_or_a_key_shows_their_moment() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("wrong.mcap");
+    record_changed(&path, ImageCompression::None, |number, cycle| {
+        if (20..23).contains(&number)
+            && let Some(pose) = &mut cycle.estimate.pose
+        {
+            pose.x += 0.5;
+        }
+        cycle.image_fault = (number == 10).then(|| "torn".to_owned());
+    });
+    let mut harness = harness(Session::open(&path).expect("a session"), PanelLayout::Watch);
+    step_until(&mut harness, "the findings", |view| {
+        view.session.findings.complete
+    });
+    // The key reaches them while the panel is behind its tab. Moments before the first are those of the start.
+    let kinds = |view: &View| {
+        let found = view.session.findings.all().iter();
+        found.map(|finding| finding.kind).collect::<Vec<_>>()
+    };
+    let found = kinds(harness.state());
+    assert!(found.contains(&FindingKind::Error) && found.contains(&FindingKind::Unusable));
+    let all = harness.state().session.findings.all().to_vec();
+    let torn = all.iter().find(|f| f.kind == FindingKind::Unusable);
+    let wrong = all.iter().find(|f| f.kind == FindingKind::Error);
+    let (torn, wrong) = (torn.expect("torn"), wrong.expect("wrong"));
+    let shown = |harness: &Harness<'_, View>| harness.state().session.shown_time();
+    harness.state_mut().session.seek(torn.worst - 0.01);
+    harness.key_press(Key::N);
+    harness.run_steps(2);
+    assert_eq!(shown(&harness), Some(torn.worst));
+    harness.key_press(Key::N);
+    harness.run_steps(2);
+    assert!(shown(&harness).expect("a time") >= wrong.start - 1e-9);
+    harness.key_press_modifiers(Modifiers::SHIFT, Key::N);
+    harness.run_steps(2);
+    assert_eq!(shown(&harness), Some(torn.worst));
+    harness.get_by_label("Findings").click();
+    harness.run_steps(2);
+    // The shown moment is stated in full above the list.
+    harness.get_by_label(&torn.sentence());
+    let row = format!("{:9.2} s  {}", wrong.worst, wrong.sentence());
+    harness.get_by_label(&row).click();
+    harness.run_steps(2);
+    assert_eq!(shown(&harness), Some(wrong.worst));
+    harness.get_by_label(&wrong.sentence());
+    let bad = all.iter().filter(|f| f.kind.severity() == Severity::Bad);
+    let bad = format!("{} bad", bad.count());
+    harness.get_by_label(&bad).click();
+    harness.run_steps(2);
+    assert!(harness.query_by_label(&row).is_none());
+}
+
+#[test]
 fn truncated_log_opens_up_to_its_last_whole_chunk() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("cut.mcap");
@@ -292,4 +354,52 @@ fn simulation_worker_applies_a_kidnap() {
         assert!(started.elapsed() < TIMEOUT, "timeout: kidnap");
         std::thread::sleep(Duration::from_millis(5));
     }
+}
+
+#[test]
+fn quantity_is_found_by_typing_and_plotted() {
+    let mut harness = open_demo_log(PanelLayout::Watch);
+    harness.get_by_label("Add plot").click();
+    harness.run_steps(2);
+    harness.get_by_label("name of a quantity").focus();
+    harness.run_steps(1);
+    harness
+        .get_by_label("name of a quantity")
+        .type_text("markings seen");
+    harness.run_steps(2);
+    harness.get_by_label("markings seen (%)").click();
+    harness.run_steps(3);
+    let shown = |harness: &Harness<'_, View>| {
+        harness
+            .query_all_by(|node| {
+                node.label()
+                    .is_some_and(|label| label.starts_with("markings seen"))
+            })
+            .count()
+    };
+    assert!(shown(&harness) > 0, "a curve with its value");
+}
+
+#[test]
+fn gaps_of_devices_are_those_of_the_log_at_any_playback_speed() {
+    let mut harness = open_demo_log(PanelLayout::Health);
+    let session = &mut harness.state_mut().session;
+    // Each drawn frame skips several cycles of the log.
+    session.playback.playing = true;
+    session.set_speed(10.0);
+    for _ in 0..30 {
+        session.update(0.02);
+    }
+    let camera = &session.devices.devices[0];
+    assert!(camera.samples >= 29, "{}", camera.samples);
+    assert!(camera.longest_gap < 0.04, "{} s", camera.longest_gap);
+}
+
+#[test]
+fn recording_folder_opens_with_its_poses() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
+    let session = Session::open(&folder).expect("a session");
+    let now = session.shown.as_ref().expect("a cycle");
+    assert!(now.cycle.inputs.image.is_some() && now.cycle.estimate.pose.is_some());
+    assert!(session.title.starts_with("recording "));
 }

@@ -20,8 +20,10 @@ const LOG_WEIGHT_RANGE: f32 = 10.0;
 /// Penalty in log probability for a hypothesis that earlier images did not support.
 const NEW_CANDIDATE_PENALTY: f32 = 3.0;
 
-/// Images after which the best hypothesis may be tracked.
+/// Images after which the best hypothesis may be tracked, if no other pose could explain clearly more points, and else: two
+/// images that lean far may both point to one wrong place, and hide the right one.
 const IMAGES_MIN: u32 = 2;
+const DOUBTED_IMAGES_MIN: u32 = 3;
 
 #[derive(Debug, Clone)]
 struct Candidate {
@@ -70,12 +72,19 @@ impl Candidates {
         Some((&best.filter, &best.hypothesis))
     }
 
-    /// Did more than one image support the best hypothesis? A robot that leans far in one image shows its points beside
-    /// the markings, and another place may then explain them better.
-    pub(super) fn best_is_confirmed(&self) -> bool {
-        self.candidates
-            .first()
-            .is_some_and(|best| best.images >= IMAGES_MIN)
+    /// Did enough images support the best hypothesis? A robot that leans far in one image shows its points beside the
+    /// markings, and another place may then explain them better. `margin_share`: share of the points by which another pose
+    /// is clearly better.
+    pub(super) fn best_is_confirmed(&self, margin_share: f32) -> bool {
+        self.candidates.first().is_some_and(|best| {
+            let is_doubted = 1.0 - best.hypothesis.score >= margin_share;
+            best.images
+                >= if is_doubted {
+                    DOUBTED_IMAGES_MIN
+                } else {
+                    IMAGES_MIN
+                }
+        })
     }
 
     /// All hypotheses but the best. With `fold_half_turn`, half turns are included, that of the best first.

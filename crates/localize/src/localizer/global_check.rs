@@ -11,6 +11,9 @@ use crate::matching::Match;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
+/// Checks one after the other at the start of a track: the rivals of its first images may not have been among the hypotheses.
+const FIRST_CHECKS: u32 = 4;
+
 /// Result of a check.
 pub(super) struct GlobalCheckResult {
     /// Another pose explained the points of the checked image clearly better.
@@ -30,7 +33,9 @@ impl Localizer {
     ) -> Option<GlobalCheckResult> {
         let Some(check) = &mut self.global_check else {
             let period = self.config.mode.global_check_period;
-            let is_due = period > 0.0 && track.last_global_check.seconds_until(stamp) >= period;
+            let is_new = track.passed_checks < FIRST_CHECKS;
+            let elapsed = track.last_global_check.seconds_until(stamp);
+            let is_due = period > 0.0 && (is_new || elapsed >= period);
             if is_due {
                 track.last_global_check = stamp;
                 let prior = self.heading_prior(stamp);
@@ -53,6 +58,9 @@ impl Localizer {
         let is_contradicted = self
             .better_alternative(&found, &check.matched, check.count)
             .is_some();
+        if !is_contradicted {
+            track.passed_checks = track.passed_checks.saturating_add(1);
+        }
         let since = check.matched.pose.inverse() * matched.pose;
         for hypothesis in &mut found {
             let Pose { x, y, theta, .. } = hypothesis.pose * since;

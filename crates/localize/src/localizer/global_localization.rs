@@ -76,7 +76,7 @@ impl Localizer {
             self.lose_pose();
             return self.lost_estimate(stamp, Reason::NoMatch, found);
         };
-        if self.is_decided(best) && candidates.best_is_confirmed() {
+        if self.is_decided(best) && self.is_confirmed(&candidates) {
             let log_odds = if fold_half_turn {
                 0.0
             } else {

@@ -124,11 +124,18 @@ impl Localizer {
     ) -> Option<Estimate> {
         let (filter, best) = candidates.best()?;
         let half_known = self.is_decided(best) && !fold_half_turn;
+        // Of a robot that moves the next images tell more. Single images are all that there is of others.
+        let is_confirmed = self.last_odometry.is_none() || self.is_confirmed(candidates);
+        let mut covariance = candidates.covariance();
+        if !is_confirmed {
+            let share = self.config.mode.decision_probability;
+            covariance = covariance * share + self.uniform_covariance * (1.0 - share);
+        }
         let parts = EstimateParts {
             filter: Some(filter),
-            covariance: candidates.covariance(),
+            covariance,
             mode: Mode::Global,
-            reason: (!half_known).then_some(Reason::Ambiguous),
+            reason: (!half_known || !is_confirmed).then_some(Reason::Ambiguous),
             half_known,
             figures: best.into(),
             runners_up: candidates.runners_up(fold_half_turn),
@@ -139,6 +146,11 @@ impl Localizer {
     /// Is this hypothesis probable enough to be tracked?
     pub(super) fn is_decided(&self, best: &Hypothesis) -> bool {
         best.probability >= self.config.mode.decision_probability
+    }
+
+    /// Did enough images support the best candidate?
+    pub(super) fn is_confirmed(&self, candidates: &Candidates) -> bool {
+        candidates.best_is_confirmed(self.config.mode.alternative_margin_share)
     }
 
     /// Estimate without a pose: the covariance is that of a uniform distribution over the field.

@@ -33,6 +33,8 @@ pub(super) struct PoseTrack {
     pub(super) half_evidence: HalfEvidence,
     /// Exposure of the last image whose pose was compared with the whole field.
     pub(super) last_global_check: Stamp,
+    /// Checks since the start of the track that found no better pose.
+    pub(super) passed_checks: u32,
 }
 
 /// What contradicts a tracked pose.
@@ -131,6 +133,7 @@ mod tests {
             filter: filter(1.0),
             half_evidence: HalfEvidence::default(),
             last_global_check: Stamp(0),
+            passed_checks: 0,
         };
         let alternative = Alternative {
             filter: filter(2.0),

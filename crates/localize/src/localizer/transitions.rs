@@ -48,6 +48,7 @@ impl Localizer {
             filter,
             half_evidence,
             last_global_check: stamp,
+            passed_checks: 0,
         });
     }
 

@@ -2,7 +2,6 @@
 
 use super::block::Block;
 use super::state::{MapCorrection, TrackedImage};
-use super::sums::PoseByTerm;
 use crate::frames::Pose;
 use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceField;
@@ -48,7 +47,8 @@ impl MapCorrection {
         self.applied = refit.coefficients;
         // One image finds the way; the next ones learn from there.
         self.covariance = self.prior;
-        self.sensitivity = PoseByTerm::zeros();
+        // The same image gave the pose, whose error follows from the map's.
+        self.is_sensitivity_known = false;
         self.knocks += 1;
         self.restart_learning();
         Some(refit.pose)

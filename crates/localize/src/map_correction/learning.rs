@@ -12,7 +12,7 @@ use crate::math;
 use crate::stamp::Stamp;
 
 /// Information of pose and tilt that is assumed where an image alone decides: 10 m, π and 10°.
-const FREE_POSE_INFORMATION: [f64; 3] = [1e-2, 1e-2, 1e-1];
+pub(super) const FREE_POSE_INFORMATION: [f64; 3] = [1e-2, 1e-2, 1e-1];
 const FREE_TILT_INFORMATION: f64 = 32.0;
 
 /// Points that carry the information of an image; more are too close together to be independent.

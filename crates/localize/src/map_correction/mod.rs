@@ -20,7 +20,7 @@ mod state;
 mod sums;
 mod term;
 
-pub use basis::{DisplacedPoint, MapBasis};
+pub use basis::{DisplacedPoint, MapBasis, PreparedBasis};
 pub use config::MapCorrectionConfig;
 pub use mirror::MirrorModel;
 pub use smooth::{height_term, smooth_terms};

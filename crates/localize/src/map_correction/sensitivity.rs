@@ -2,12 +2,13 @@
 
 use nalgebra::Matrix3;
 
+use super::learning::FREE_POSE_INFORMATION;
 use super::state::{MapCorrection, TrackedImage};
-use super::sums::{ImageSums, PoseByTerm, widen};
+use super::sums::{ImageSums, PoseByTerm, PoseMatrix, widen};
 use super::term::TERMS_MAX;
 use crate::frames::Pose;
-use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceField;
+use crate::matching::{MatchConfig, PARAMETERS};
 use crate::math;
 use crate::tilt::{self, ground_from_map};
 
@@ -31,6 +32,7 @@ impl MapCorrection {
         }
         self.drift_to(image.stamp);
         self.last_pose = None;
+        self.is_sensitivity_known = true;
         let (_, widened) = self.accumulate(image, distances, matching, false);
         self.update_sensitivity(image, &widened);
         self.last_pose = Some(image.matched.pose);
@@ -80,7 +82,10 @@ impl MapCorrection {
             let wide = variance(
                 point.std_radial * point.std_radial,
                 point.std_tangential * point.std_tangential,
-            );
+            ) * image
+                .matched
+                .point_spread
+                .at(math::hypot(point.at.x, point.at.y));
             let kept = kernel_squared / (kernel_squared + near.signed_distance.powi(2) / wide);
             let robust_weight = kept * kept;
             let (mx, my) = (cos * nx + sin * ny, cos * ny - sin * nx);
@@ -123,6 +128,9 @@ impl MapCorrection {
         }
         let posterior = widen(&image.matched.pose_tilt_covariance);
         let scale = f64::from(image.matched.variance_scale);
+        if !std::mem::replace(&mut self.is_sensitivity_known, true) {
+            self.sensitivity = free_sensitivity(image, &posterior, sums).unwrap_or_default();
+        }
         let prior = image
             .prior_information
             .map_or(PoseByTerm::zeros(), |information| {
@@ -130,4 +138,26 @@ impl MapCorrection {
             });
         self.sensitivity = posterior * (prior - sums.cross_information() / scale);
     }
+}
+
+/// Error of pose and tilt per error of the unknowns for a pose that an image like this one gave without a prediction:
+/// X = −(P⁻¹ − Λ + ε)⁻¹ N_pc. The expectation of the tilt stays.
+fn free_sensitivity(
+    image: &TrackedImage,
+    posterior: &PoseMatrix,
+    sums: &ImageSums,
+) -> Option<PoseByTerm> {
+    let mut information = posterior.try_inverse()?;
+    if let Some(prior) = image.prior_information {
+        let prior = widen(&prior);
+        information -= prior;
+        for k in 3..PARAMETERS {
+            information[(k, k)] += prior[(k, k)];
+        }
+    }
+    for (k, free) in FREE_POSE_INFORMATION.into_iter().enumerate() {
+        information[(k, k)] += free;
+    }
+    let scale = f64::from(image.matched.variance_scale);
+    Some(-(information.cholesky()?.solve(&sums.cross_information())) / scale)
 }

@@ -83,6 +83,8 @@ pub struct MapCorrection {
     pub(super) prior: TermMatrix,
     /// Error of (x, y, θ, a, b) per error of each unknown.
     pub(super) sensitivity: PoseByTerm,
+    /// False: the pose was found together with the map, and the next image tells its error by the unknowns.
+    pub(super) is_sensitivity_known: bool,
     pub(super) points: Vec<RawPoint>,
     /// Variance of a displaced point, radial and tangential, by node.
     pub(super) variances: [[f32; 2]; NODES],
@@ -113,6 +115,7 @@ impl MapCorrection {
             covariance: prior,
             prior,
             sensitivity: PoseByTerm::zeros(),
+            is_sensitivity_known: true,
             points: Vec::new(),
             variances: [[0.0; 2]; NODES],
             stamp: None,

@@ -24,6 +24,7 @@ pub use config::{MatchConfig, Minimiser};
 use normal_equations::{PreparedLanes, PreparedPoint};
 pub use parameters::Matrix5;
 pub(crate) use parameters::{PARAMETERS, Vector5};
+pub use point_spread::SpreadFactor;
 use point_spread::{PointSpread, Residual};
 pub use repeated_errors::Repetition;
 use repeated_errors::{Remainder, RepeatedErrors};
@@ -84,6 +85,8 @@ pub struct Match {
     /// Variance of the points' errors in the covariance over the one that they state: that of the residuals, and what they
     /// repeat (docs/methods.md 5.6).
     pub variance_scale: f32,
+    /// Factor of the variances that the points state (docs/methods.md 5.8).
+    pub point_spread: SpreadFactor,
     /// Root mean square distance of the inliers from the markings, metres.
     pub inlier_rms: f32,
     /// Mean distance of all points from the markings, metres (nubot2013 4: "average deviation").
@@ -107,6 +110,8 @@ pub struct Matcher {
     lanes: Vec<PreparedLanes>,
     prior: PosePrior,
     spread: PointSpread,
+    /// Of the present image.
+    spread_factor: SpreadFactor,
     repeated: RepeatedErrors,
     residuals: Vec<Residual>,
     remainders: Vec<Remainder>,
@@ -134,6 +139,7 @@ impl Matcher {
     pub fn new(config: MatchConfig) -> Self {
         Matcher {
             spread: PointSpread::new(config.spread_learning_std),
+            spread_factor: SpreadFactor::default(),
             repeated: RepeatedErrors::new(),
             residuals: Vec::new(),
             remainders: Vec::new(),
@@ -247,14 +253,15 @@ impl Matcher {
         self.prior = prior;
         self.last_pass = None;
         let map_variance = self.config.map_std * self.config.map_std;
-        let spread = &self.spread;
+        let spread = self.spread.factor();
+        self.spread_factor = spread;
         self.points.clear();
         self.points.extend(points.iter().map(|point| {
             let tangential = point.std_tangential * point.std_tangential;
             let radial = point.std_radial * point.std_radial;
             let (x, y) = (point.at.x, point.at.y);
             let squared_range = x * x + y * y;
-            let factor = spread.factor(squared_range.sqrt());
+            let factor = spread.at(squared_range.sqrt());
             PreparedPoint {
                 x,
                 y,

@@ -33,6 +33,22 @@ pub(super) struct PointSpread {
     scale_mean: f32,
 }
 
+/// Factor of the points' variances by their range.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SpreadFactor {
+    /// Logarithm at `RANGE_SCALE`.
+    level: f32,
+    /// Growth of the logarithm over `RANGE_SCALE`.
+    slope: f32,
+}
+
+impl SpreadFactor {
+    /// At a distance from the robot, metres.
+    pub(crate) fn at(self, range: f32) -> f32 {
+        math::exp(self.level + self.slope * PointSpread::abscissa(range))
+    }
+}
+
 /// Distance of a point from its marking after matching.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Residual {
@@ -59,11 +75,11 @@ impl PointSpread {
         (range.min(3.0 * RANGE_SCALE) - RANGE_SCALE) / RANGE_SCALE
     }
 
-    /// Mean log factor and its slope per metre from range 0 on; None if nothing is learned.
-    pub(super) fn factor(&self, range: f32) -> f32 {
-        self.learned.map_or(1.0, |learned| {
+    /// The learned factor; 1 if nothing is learned.
+    pub(super) fn factor(&self) -> SpreadFactor {
+        self.learned.map_or_else(SpreadFactor::default, |learned| {
             let [level, slope] = learned.mean();
-            math::exp(level + slope * Self::abscissa(range))
+            SpreadFactor { level, slope }
         })
     }
 
@@ -154,7 +170,7 @@ mod tests {
                     };
                     Residual {
                         distance,
-                        variance: stated * stated * spread.factor(range),
+                        variance: stated * stated * spread.factor().at(range),
                         range,
                     }
                 })
@@ -162,7 +178,7 @@ mod tests {
             spread.update(residuals.into_iter(), 0.0, 1.0, 1.0 / 30.0);
         }
         for range in [1.0, 2.5, 4.5] {
-            let learned = stated * spread.factor(range).sqrt();
+            let learned = stated * spread.factor().at(range).sqrt();
             let ratio = learned / true_std(range);
             assert!((0.8..1.25).contains(&ratio), "{range} m: {ratio}");
         }

@@ -48,6 +48,7 @@ impl Matcher {
             determined_parameters: PARAMETERS as f32 - (pose_tilt * self.prior.information).trace(),
             observed_scale,
             variance_scale,
+            point_spread: self.spread_factor,
             inlier_rms: (sums.weighted_squares / weight).sqrt(),
             mean_distance: sums.distance_sum / count,
             inlier_share: sums.inliers / count,

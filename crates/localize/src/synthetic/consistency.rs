@@ -2,8 +2,8 @@
 //!
 //! NEES is divided by the three degrees of freedom: 1 if the covariance is consistent.
 
-use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
+use rand::{RngExt, SeedableRng};
 use serde::Serialize;
 
 use super::rough_drive::{RoughDrive, RoughDriveConfig, RoughSample};
@@ -24,7 +24,9 @@ pub struct ConsistencyScore {
     pub max_error: f64,
     /// Normalised estimation error squared over its degrees of freedom, images with points.
     pub nees: f64,
-    /// The same, images without points.
+    /// Interval of `nees` in which its value over many drives lies (95 %, bootstrap over the drives).
+    pub nees_interval: [f64; 2],
+    /// The same as `nees`, images without points.
     pub blind_nees: f64,
     /// Share of the images without points whose position and heading errors are within three standard deviations.
     pub blind_within_3_sigma: f64,
@@ -46,6 +48,8 @@ struct Sums {
     score: ConsistencyScore,
     located: usize,
     seen: usize,
+    /// Sum of the squared errors and number of images, of each drive.
+    drives: Vec<(f64, usize)>,
     blind: usize,
     blind_within: usize,
     blind_ends: usize,
@@ -74,6 +78,7 @@ pub fn evaluate_consistency(
             .take(images)
             .peekable();
         let mut since_blind = usize::MAX;
+        sums.drives.push((0.0, 0));
         while let Some(sample) = samples.next() {
             localizer.add_odometry(&sample.odometry);
             localizer.add_compass(&sample.compass);
@@ -124,6 +129,10 @@ impl Sums {
         if sample.blind_for == 0.0 {
             self.seen += 1;
             score.nees += normalised / 3.0;
+            if let Some((sum, images)) = self.drives.last_mut() {
+                *sum += normalised / 3.0;
+                *images += 1;
+            }
             for k in 0..3 {
                 score.marginal_nees[k] += f64::from(off[k] * off[k] / estimate.covariance[(k, k)]);
             }
@@ -169,6 +178,7 @@ impl Sums {
         let per = |sum: f64, count: usize| sum / count.max(1) as f64;
         score.mean_error = score.mean_error.map(|sum| per(sum, self.located));
         score.nees = per(score.nees, self.seen);
+        score.nees_interval = bootstrap_interval(&self.drives);
         score.marginal_nees = score.marginal_nees.map(|sum| per(sum, self.seen));
         score.nees_over_time = std::array::from_fn(|k| per(self.course[k], self.course_count[k]));
         score.blind_nees = per(score.blind_nees, self.blind);
@@ -176,6 +186,27 @@ impl Sums {
         score.blind_end_error = per(score.blind_end_error, self.blind_ends).sqrt();
         score
     }
+}
+
+/// Interval of 95 % of the ratio of the sums, from drives drawn with replacement. Images of one drive are not independent,
+/// its start and its path least of all.
+fn bootstrap_interval(drives: &[(f64, usize)]) -> [f64; 2] {
+    const RESAMPLINGS: usize = 1000;
+    if drives.is_empty() {
+        return [0.0; 2];
+    }
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+    let mut means: Vec<f64> = (0..RESAMPLINGS)
+        .map(|_| {
+            let drawn = (0..drives.len()).map(|_| drives[rng.random_range(0..drives.len())]);
+            let (sum, images) = drawn.fold((0.0, 0), |(sum, count), (more, images)| {
+                (sum + more, count + images)
+            });
+            sum / images.max(1) as f64
+        })
+        .collect();
+    means.sort_by(f64::total_cmp);
+    [RESAMPLINGS / 40, RESAMPLINGS - RESAMPLINGS / 40 - 1].map(|k| means[k])
 }
 
 #[cfg(test)]

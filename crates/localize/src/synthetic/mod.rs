@@ -4,4 +4,5 @@ pub mod consistency;
 pub mod drive;
 pub mod evaluation;
 pub mod rough_drive;
+pub mod starts;
 pub mod team_ball;

@@ -266,6 +266,7 @@ impl LoggedCycle {
                 warm_start: inputs.warm_start.clone(),
             });
         let mut samples: Vec<Sample> = change.map(Sample::Settings).into_iter().collect();
+        samples.extend(inputs.setup_doubt.map(Sample::SetupDoubt));
         samples.extend(self.cycle.inputs.sorted_samples());
         let exact = self
             .image

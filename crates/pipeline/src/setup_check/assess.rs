@@ -111,6 +111,21 @@ pub(super) fn assess(
     }
 }
 
+/// Share of the compass readings that would agree with the poses if they were in degrees. None without a compass.
+pub(super) fn compass_agreement_in_degrees(
+    setup: &Setup,
+    config: &LocalizeConfig,
+    measured: &[MeasuredKeyframe],
+) -> Option<f32> {
+    let trial = Trial {
+        setup,
+        measured,
+        config: config.clone(),
+    };
+    let variant = Change::CompassInDegrees.apply(&SetupVariant::configured(setup));
+    trial.explain(&variant, measured)?.compass_agrees()
+}
+
 impl Trial<'_> {
     fn explain(
         &self,

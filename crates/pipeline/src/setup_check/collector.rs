@@ -9,6 +9,8 @@ use crate::cycle::Cycle;
 pub struct KeyframeCollector {
     keyframes: Vec<MeasuredKeyframe>,
     spacing: f32,
+    /// Motion by the wheels, metres, where a radian counts as half a metre.
+    path: f32,
     /// Motion since the last keyframe, metres.
     progress: f32,
     /// Odometry since the last keyframe; None after a gap.
@@ -22,6 +24,7 @@ impl Default for KeyframeCollector {
         KeyframeCollector {
             keyframes: Vec::new(),
             spacing: SPACING_MIN,
+            path: 0.0,
             progress: f32::INFINITY,
             odometry: None,
             last_odometry: None,
@@ -41,8 +44,10 @@ impl KeyframeCollector {
                 self.odometry = None;
             }
             self.last_odometry = Some(row.stamp);
-            self.progress += localize::math::hypot(row.dx, row.dy)
+            let step = localize::math::hypot(row.dx, row.dy)
                 + METRES_PER_RADIAN * row.dtheta.abs().min(0.5);
+            self.progress += step;
+            self.path += step;
             if let Some(rows) = &mut self.odometry {
                 rows.push([row.dx, row.dy, row.dtheta]);
             }
@@ -82,6 +87,11 @@ impl KeyframeCollector {
             self.keyframes = measurements::thin_out(&self.keyframes, 2);
             self.spacing *= 2.0;
         }
+    }
+
+    /// Motion by the wheels, metres, where a radian counts as half a metre. 0 without odometry.
+    pub fn path(&self) -> f32 {
+        self.path
     }
 
     /// The keyframes, at most as many as a recording has.

@@ -29,7 +29,7 @@ use crate::config::PipelineConfig;
 use crate::log::{LogReader, UnpackedSetup};
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
-use assess::{Assessment, assess};
+use assess::{Assessment, assess, compass_agreement_in_degrees};
 use change::Change;
 
 /// How well the set-up explains its measurements.
@@ -154,9 +154,13 @@ pub fn check(
     }
     let assessment = assess(setup, &config.localize, measured, effort);
     let configured = &assessment.configured;
-    // A continuous heading in radians may exceed a turn: the poses decide.
-    if configured.compass_agrees().unwrap_or(0.0) >= COMPASS_FINE {
-        ranges.retain(|finding| finding.table != Table::Compass);
+    // A continuous heading in radians may exceed a turn: the poses decide. Few of them agree with any heading by chance.
+    let agreement = configured.compass_agrees().unwrap_or(0.0);
+    if agreement >= COMPASS_FINE && ranges.iter().any(|each| each.table == Table::Compass) {
+        let degrees = compass_agreement_in_degrees(setup, &config.localize, measured);
+        if degrees.is_none_or(|degrees| degrees < agreement) {
+            ranges.retain(|finding| finding.table != Table::Compass);
+        }
     }
     let mut report = SetupReport {
         figures: Some(figures(configured)),

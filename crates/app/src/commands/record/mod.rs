@@ -211,7 +211,7 @@ fn record(
 }
 
 /// robot.toml, field.toml and what they name, as a log stores them.
-fn header(source: &str, robot: &RobotConfig) -> Result<Header> {
+pub(super) fn header(source: &str, robot: &RobotConfig) -> Result<Header> {
     let map = match (&robot.map, &robot.camera) {
         (Some(map), Some(camera)) => Some(GroundMap::load_for_camera(
             &map.file,

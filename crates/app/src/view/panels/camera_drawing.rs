@@ -1,8 +1,9 @@
 //! Vector marks over the camera image and the bird's-eye view: points, objects and projected lines.
 
+use std::cell::RefCell;
 use std::f32::consts::TAU;
 
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Shape, Stroke, Ui, Vec2};
+use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Ui, Vec2};
 use localize::At;
 use localize::frames::RobotFrame;
 use localize::world::TeamColour;
@@ -14,13 +15,15 @@ use super::camera_layers::CameraLayers;
 use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
-use crate::view::static_scene::StaticScene;
+use crate::view::static_scene::{StaticScene, View};
 use pipeline::Cycle;
 
 /// Ranges of the ground grid's rings, metres.
 const RINGS: [f32; 7] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0];
 /// Segments of a ring.
 const RING_STEPS: usize = 96;
+/// Places that a label tries on either side.
+const LABEL_SHIFTS: i8 = 5;
 /// Bearing rays of the ground grid.
 const RAYS: usize = 12;
 
@@ -31,6 +34,8 @@ pub(crate) struct CameraCanvas<'a> {
     pub(crate) scene: &'a StaticScene,
     pub(crate) cycle: &'a Cycle,
     pub(crate) layers: &'a CameraLayers,
+    /// Where labels were drawn: another one moves aside.
+    pub(crate) label_rects: RefCell<Vec<Rect>>,
     /// Names and windows of the virtual sensors.
     pub(crate) virtual_sensors: &'a [(&'static str, ImageRect)],
 }
@@ -44,7 +49,7 @@ impl CameraCanvas<'_> {
     /// Screen position of a ground point in the camera image; None if it is not visible.
     fn project_to_screen(&self, at: At<RobotFrame>) -> Option<Pos2> {
         let camera = self.scene.camera.as_ref()?;
-        let pixel = camera.project(at, self.cycle.estimate.tilt)?;
+        let pixel = camera.project(at, self.cycle.estimate.tilt, None)?;
         Some(self.to_screen(pixel))
     }
 
@@ -67,7 +72,16 @@ impl CameraCanvas<'_> {
         let font = FontId::proportional(12.0);
         let place = at + Vec2::new(0.0, -10.0);
         let galley = self.painter.layout_no_wrap(text, font, colour);
-        let rect = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
+        let wanted = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
+        let mut drawn = self.label_rects.borrow_mut();
+        let step = Vec2::new(0.0, wanted.height() + 3.0);
+        // Above its place if that is free, else below, else farther away.
+        let shifts = (0..LABEL_SHIFTS).flat_map(|times| [-times, times + 1]);
+        let rect = shifts
+            .map(|times| wanted.translate(f32::from(times) * step))
+            .find(|rect| !drawn.iter().any(|other| other.intersects(*rect)))
+            .unwrap_or(wanted);
+        drawn.push(rect);
         self.painter
             .rect_filled(rect.expand(1.0), 2.0, Color32::from_black_alpha(150));
         self.painter.galley(rect.min, galley, colour);
@@ -84,10 +98,13 @@ pub(crate) fn draw_image_overlay(canvas: &CameraCanvas<'_>) {
         && let Some(pose) = canvas.cycle.estimate.pose
     {
         let stroke = Stroke::new(1.4, palette::PROJECTED_LINE);
-        for [from, to] in canvas
-            .scene
-            .project_markings(pose, canvas.cycle.estimate.tilt)
-        {
+        let estimate = &canvas.cycle.estimate;
+        let view = View {
+            pose,
+            tilt: estimate.tilt,
+            correction: estimate.map_correction.as_ref(),
+        };
+        for [from, to] in canvas.scene.project_markings(view) {
             let ends = [canvas.to_screen(from), canvas.to_screen(to)];
             canvas.painter.line_segment(ends, stroke);
         }

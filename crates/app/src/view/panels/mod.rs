@@ -6,6 +6,7 @@ pub(crate) mod camera_drawing;
 pub(crate) mod camera_layers;
 pub(crate) mod field;
 pub(crate) mod field_drawing;
+pub(crate) mod findings;
 pub(crate) mod health;
 pub(crate) mod parameters;
 pub(crate) mod plots;
@@ -36,10 +37,12 @@ pub(crate) enum Pane {
     Parameters,
     /// State of the devices.
     Health,
+    /// Odd moments of the run.
+    Findings,
 }
 
 /// All panels, in menu order.
-pub(crate) const PANES: [Pane; 8] = [
+pub(crate) const PANES: [Pane; 9] = [
     Pane::Camera,
     Pane::Field,
     Pane::Plots,
@@ -48,6 +51,7 @@ pub(crate) const PANES: [Pane; 8] = [
     Pane::Calibration,
     Pane::Parameters,
     Pane::Health,
+    Pane::Findings,
 ];
 
 impl Pane {
@@ -62,6 +66,7 @@ impl Pane {
             Pane::Calibration => "Calibration",
             Pane::Parameters => "Parameters",
             Pane::Health => "Health",
+            Pane::Findings => "Findings",
         }
     }
 }
@@ -76,6 +81,7 @@ pub(crate) struct Panels {
     pub(crate) simulator: simulator::SimulatorPanel,
     pub(crate) calibration: calibration::CalibrationPanel,
     pub(crate) parameters: parameters::ParametersPanel,
+    pub(crate) findings: findings::FindingsPanel,
 }
 
 /// Draws the panels in their tiles.
@@ -103,6 +109,7 @@ impl egui_tiles::Behavior<Pane> for PaneBehavior<'_> {
                 Pane::Calibration => panels.calibration.show(ui, session),
                 Pane::Parameters => panels.parameters.show(ui, session),
                 Pane::Health => health::show(ui, session),
+                Pane::Findings => panels.findings.show(ui, session),
             });
         egui_tiles::UiResponse::None
     }

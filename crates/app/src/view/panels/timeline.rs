@@ -3,14 +3,24 @@
 use eframe::egui::{self, Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2};
 use localize::estimate::Mode;
 
+use pipeline::findings::Finding;
+
 use crate::view::accessibility::AccessibleLabel;
 use crate::view::palette;
+use crate::view::panels::findings::colour;
 use crate::view::session::Session;
 use crate::view::source::Source;
 use crate::view::time_series::TimeSeries;
 
 /// Height of the timeline bar, points.
 const BAR_HEIGHT: f32 = 34.0;
+/// Height and least width of a finding's stripe, points.
+const FINDING_HEIGHT: f32 = 5.0;
+const FINDING_WIDTH_MIN: f32 = 3.0;
+/// Findings this close to the pointer are named, points …
+const HOVER_DISTANCE: f64 = 4.0;
+/// … and at most this many.
+const HOVER_FINDINGS: usize = 6;
 /// Selectable playback speeds.
 const SPEEDS: [f64; 8] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0, 50.0];
 
@@ -130,6 +140,7 @@ fn bar(ui: &mut Ui, session: &mut Session) {
     let length = (end - start).max(1e-3);
     let place = |time: f64| rect.left() + ((time - start) / length) as f32 * rect.width();
     modes(&painter, rect, &session.series, &place);
+    findings(&painter, rect, session.findings.all(), &place);
     for mark in &session.marks {
         let at = place(mark.time);
         painter.vline(at, rect.y_range(), Stroke::new(2.0, palette::YELLOW));
@@ -141,6 +152,13 @@ fn bar(ui: &mut Ui, session: &mut Session) {
             palette::YELLOW,
         );
     }
+    if let Some(time) = session.hovered_time {
+        painter.vline(
+            place(time),
+            rect.y_range(),
+            Stroke::new(1.0, palette::YELLOW),
+        );
+    }
     let at = place(session.playback.time);
     let cursor = ui.visuals().strong_text_color();
     painter.vline(at, rect.y_range(), Stroke::new(2.0, cursor));
@@ -149,7 +167,30 @@ fn bar(ui: &mut Ui, session: &mut Session) {
         session.seek(start + part * length);
     } else if let Some(pointer) = response.hover_pos() {
         let part = f64::from((pointer.x - rect.left()) / rect.width());
-        response.on_hover_text(format!("{:.2} s", start + part * length));
+        let (time, tolerance) = (
+            start + part * length,
+            length * HOVER_DISTANCE / f64::from(rect.width()),
+        );
+        let near = session.findings.all().iter().filter(|finding| {
+            (finding.start - tolerance..=finding.stop + tolerance).contains(&time)
+        });
+        let lines = near.take(HOVER_FINDINGS).map(Finding::sentence);
+        let text: Vec<String> = std::iter::once(format!("{time:.2} s"))
+            .chain(lines)
+            .collect();
+        response.on_hover_text(text.join("\n"));
+    }
+}
+
+/// Draws each finding as a stripe at the top, from its start to its stop.
+fn findings(painter: &egui::Painter, rect: Rect, found: &[Finding], place: &impl Fn(f64) -> f32) {
+    for finding in found {
+        let (left, right) = (place(finding.start), place(finding.stop));
+        let stripe = Rect::from_x_y_ranges(
+            left..=right.max(left + FINDING_WIDTH_MIN),
+            rect.top()..=rect.top() + FINDING_HEIGHT,
+        );
+        painter.rect_filled(stripe, 0.0, colour(finding.kind.severity()));
     }
 }
 

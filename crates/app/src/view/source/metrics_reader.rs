@@ -1,4 +1,4 @@
-//! Reads the whole log once in a thread, chunk by chunk, and sends the metrics of its cycles.
+//! Reads the whole log once in a thread, chunk by chunk, and sends the metrics of its cycles and the odd moments.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,6 +7,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use localize::robot::BaseConfig;
 
 use crate::view::time_series::CycleMetrics;
+use pipeline::findings::{Finding, RunHistory};
 use pipeline::log::LogIndex;
 
 /// Batches queued for the view; a batch holds one chunk's cycles.
@@ -14,9 +15,21 @@ const BATCH_CAPACITY: usize = 64;
 /// One image in this many is decoded for its brightness and entropy.
 const IMAGE_STRIDE: u64 = 10;
 
+/// Findings are sought when the run has this many cycles, and each time that it has doubled.
+const FIRST_SEARCH: usize = 1000;
+
+/// What was read.
+#[derive(Default)]
+pub(crate) struct ReadPart {
+    /// Metrics of the next cycles.
+    pub(crate) samples: Vec<CycleMetrics>,
+    /// All findings so far; None: as before.
+    pub(crate) findings: Option<Vec<Finding>>,
+}
+
 /// The running reader; dropping it stops the thread.
 pub(crate) struct MetricsReader {
-    batches: Receiver<Vec<CycleMetrics>>,
+    batches: Receiver<ReadPart>,
     stop: Arc<AtomicBool>,
     done: bool,
 }
@@ -37,16 +50,19 @@ impl MetricsReader {
         })
     }
 
-    /// Metrics read since the last call.
-    pub(crate) fn poll(&mut self) -> Vec<CycleMetrics> {
-        let mut samples = Vec::new();
+    /// What was read since the last call.
+    pub(crate) fn poll(&mut self) -> ReadPart {
+        let mut read = ReadPart::default();
         loop {
             match self.batches.try_recv() {
-                Ok(batch) => samples.extend(batch),
-                Err(std::sync::mpsc::TryRecvError::Empty) => return samples,
+                Ok(batch) => {
+                    read.samples.extend(batch.samples);
+                    read.findings = batch.findings.or(read.findings);
+                }
+                Err(std::sync::mpsc::TryRecvError::Empty) => return read,
                 Err(std::sync::mpsc::TryRecvError::Disconnected) => {
                     self.done = true;
-                    return samples;
+                    return read;
                 }
             }
         }
@@ -68,9 +84,11 @@ fn read_metrics(
     index: &LogIndex,
     base: &BaseConfig,
     stop: &AtomicBool,
-    sender: &SyncSender<Vec<CycleMetrics>>,
+    sender: &SyncSender<ReadPart>,
 ) {
     let mut next = 0;
+    let mut history = RunHistory::default();
+    let mut next_search = FIRST_SEARCH;
     for part in 0..index.chunks().len() {
         if stop.load(Ordering::Relaxed) {
             return;
@@ -79,21 +97,31 @@ fn read_metrics(
         let Ok(cycles) = index.load(part) else {
             continue;
         };
-        let mut batch = Vec::with_capacity(cycles.len());
+        let mut batch = ReadPart::default();
         for mut logged in cycles {
+            history.push(logged.index, &logged.cycle);
             let image = logged
                 .image
                 .filter(|_| logged.index.is_multiple_of(IMAGE_STRIDE));
             logged.cycle.inputs.image = image.and_then(|image| Some(image.decode().ok()?.into()));
-            batch.push(CycleMetrics::from_cycle(
+            batch.samples.push(CycleMetrics::from_cycle(
                 &logged.cycle,
                 base,
                 logged.index.saturating_sub(next),
             ));
             next = logged.index + 1;
         }
+        if history.len() >= next_search {
+            next_search = 2 * history.len();
+            batch.findings = Some(history.findings());
+        }
         if sender.send(batch).is_err() {
             return;
         }
     }
+    // The receiver is gone if the view opened another source.
+    let _ = sender.send(ReadPart {
+        samples: Vec::new(),
+        findings: Some(history.findings()),
+    });
 }

@@ -245,6 +245,10 @@ pub(crate) struct Cycle {
     /// The state from which a new pipeline went on at this cycle (TOML).
     #[prost(string, optional)]
     pub(crate) warm_start: Option<String>,
+    /// Covariance of (x, y, θ), column by column, that is added to each pose from this cycle on: the set-up is doubtful.
+    /// Zeros end the doubt. Empty: no change.
+    #[prost(float, repeated)]
+    pub(crate) setup_doubt: Vec<f32>,
 }
 
 /// An input file of a run, under its name in a recording folder.

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use localize::estimate::Reason;
+use nalgebra::Matrix3;
 use vision::image::Image;
 
 use crate::config::PipelineConfig;
@@ -152,7 +154,10 @@ fn a_log_without_images_exports_line_points() {
     assert!(!out.join("frames.csv").exists() && !out.join("frames").exists());
 }
 
-/// Records a run on the sample recording and recomputes it from the log alone.
+/// Cycles during which the set-up counts as doubtful.
+const DOUBTED: std::ops::Range<usize> = 8..14;
+
+/// Records a run on the sample recording, whose set-up is doubted for some cycles, and recomputes it from the log alone.
 fn record_and_verify(images: ImageCompression) -> VerificationReport {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
@@ -168,10 +173,20 @@ fn record_and_verify(images: ImageCompression) -> VerificationReport {
     let mut recorder = Recorder::create(&path, &header, &setup.field, Pace::Lockstep, &config)
         .expect("a recorder");
     let mut pipeline = Pipeline::new(&setup, &PipelineConfig::default()).expect("a pipeline");
+    let mut cycles = 0;
     for sample in Recording::open(&sample_recording(), 0.04).expect("a recording") {
-        if let Some(cycle) = pipeline.process_sample(sample) {
-            recorder.record_cycle(Arc::new(cycle)).expect("taken");
+        let Some(cycle) = pipeline.process_sample(sample) else {
+            continue;
+        };
+        let is_doubtful = cycle.estimate.reason == Some(Reason::DoubtfulSetup);
+        assert_eq!(is_doubtful, DOUBTED.contains(&cycles), "cycle {cycles}");
+        cycles += 1;
+        if cycles == DOUBTED.start {
+            pipeline.mark_setup_doubtful(Matrix3::identity());
+        } else if cycles == DOUBTED.end {
+            pipeline.mark_setup_doubtful(Matrix3::zeros());
         }
+        recorder.record_cycle(Arc::new(cycle)).expect("taken");
     }
     recorder.finish().expect("written");
     let log = LogReader::open(&path).expect("a log");

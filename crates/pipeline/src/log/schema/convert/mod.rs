@@ -13,6 +13,7 @@ use localize::Stamp;
 use localize::frames::At;
 use localize::omni::Twist;
 use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
+use nalgebra::Matrix3;
 
 pub(crate) use detections::{
     ball_to_wire, detections_from_wire, detections_to_wire, robot_to_wire,
@@ -56,6 +57,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         exposure_setting: setting,
         changed_config_toml: settings,
         warm_start,
+        setup_doubt,
     } = inputs;
     wire::Cycle {
         index,
@@ -80,6 +82,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         reported_gain: setting.map(|setting| setting.gain),
         settings: settings.as_ref().map(|settings| settings.to_string()),
         warm_start: warm_start.as_ref().map(WarmStart::to_toml),
+        setup_doubt: setup_doubt.map_or_else(Vec::new, |doubt| doubt.as_slice().to_vec()),
     }
 }
 
@@ -131,6 +134,10 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
                 .as_deref()
                 .map(WarmStart::from_toml)
                 .transpose()?,
+            setup_doubt: cycle
+                .setup_doubt
+                .first_chunk::<9>()
+                .map(|doubt| Matrix3::from_column_slice(doubt)),
         },
         detections: cycle.seen.map(detections_from_wire).transpose()?,
         line_points: line_points_from_wire(cycle.points)?,

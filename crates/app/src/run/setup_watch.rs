@@ -1,0 +1,177 @@
+//! Is the set-up right? A thread of low priority asks while the robot drives, and the check at the end asks again.
+
+use std::thread::JoinHandle;
+
+use hw::realtime::lower_priority;
+use localize::Stamp;
+use nalgebra::Matrix3;
+use pipeline::setup::Setup;
+use pipeline::setup_check::{self, Effort, KeyframeCollector, MeasuredKeyframe, SetupReport};
+use pipeline::{Cycle, PipelineConfig};
+
+/// Path before the first check, metres (`KeyframeCollector::path`): one place looks like places of other fields.
+const PATH_MIN: f32 = 6.0;
+/// Keyframes before the first check.
+const KEYFRAMES_MIN: usize = 15;
+/// Time from the end of a check to the next one, seconds. It doubles each time that the set-up is found right.
+const PERIOD: f64 = 10.0;
+/// The same after a first doubt, seconds.
+const DOUBTED_PERIOD: f64 = 3.0;
+const PERIOD_MAX: f64 = 300.0;
+/// Checks in a row that have to doubt the set-up before its poses are marked.
+const DOUBTS_MIN: u32 = 2;
+
+/// Checks the set-up again and again.
+pub(super) struct SetupWatch {
+    keyframes: KeyframeCollector,
+    running: Option<JoinHandle<SetupReport>>,
+    next: Option<Stamp>,
+    period: f64,
+    /// Checks in a row that doubted the set-up.
+    doubts: u32,
+    /// Poses are marked.
+    is_marked: bool,
+}
+
+/// A change of what is thought of the set-up.
+pub(super) struct SetupVerdict {
+    /// For the operator, one line.
+    pub(super) text: String,
+    /// Covariance to be added to the poses. Zero: none.
+    pub(super) covariance: Matrix3<f32>,
+}
+
+impl Default for SetupWatch {
+    fn default() -> Self {
+        SetupWatch {
+            keyframes: KeyframeCollector::default(),
+            running: None,
+            next: None,
+            period: PERIOD,
+            doubts: 0,
+            is_marked: false,
+        }
+    }
+}
+
+impl SetupWatch {
+    /// Adds a cycle.
+    pub(super) fn add_cycle(&mut self, cycle: &Cycle) {
+        self.keyframes.add_cycle(cycle);
+    }
+
+    /// Starts a check when it is due, and takes the result of a finished one. Some: the poses' mark is to be changed.
+    pub(super) fn update(
+        &mut self,
+        setup: &Setup,
+        config: &PipelineConfig,
+        now: Stamp,
+    ) -> Option<SetupVerdict> {
+        if let Some(finished) = self.running.take_if(|check| check.is_finished()) {
+            // A panic has been reported by its thread: it says nothing about the set-up.
+            let report = finished.join().unwrap_or_default();
+            let verdict = self.judge(&report);
+            self.next = Some(now + self.period);
+            return verdict;
+        }
+        let is_early = self.next.is_some_and(|next| now < next);
+        if self.running.is_none() && !is_early && self.keyframes.path() >= PATH_MIN {
+            let keyframes = self.keyframes.keyframes();
+            if keyframes.len() >= KEYFRAMES_MIN {
+                self.running = start(setup, config, keyframes);
+            }
+        }
+        None
+    }
+
+    fn judge(&mut self, report: &SetupReport) -> Option<SetupVerdict> {
+        let Some(covariance) = report.added_pose_covariance else {
+            self.doubts = 0;
+            self.period = (2.0 * self.period).clamp(PERIOD, PERIOD_MAX);
+            return std::mem::take(&mut self.is_marked).then(|| SetupVerdict {
+                text: "the set-up is no longer doubtful".to_owned(),
+                covariance: Matrix3::zeros(),
+            });
+        };
+        self.doubts += 1;
+        self.period = if self.doubts < DOUBTS_MIN {
+            DOUBTED_PERIOD
+        } else {
+            PERIOD
+        };
+        if self.doubts < DOUBTS_MIN || std::mem::replace(&mut self.is_marked, true) {
+            return None;
+        }
+        Some(SetupVerdict {
+            text: format!("warning: {}", report.warnings.join("; ")),
+            covariance,
+        })
+    }
+
+    /// Checks once more, by all that was seen. Returns a sentence per doubt.
+    pub(super) fn finish(self, setup: &Setup, config: &PipelineConfig) -> Vec<String> {
+        let keyframes = self.keyframes.keyframes();
+        setup_check::check(setup, config, &keyframes, Vec::new(), Effort::Brief).warnings
+    }
+}
+
+/// Without a thread the next cycle tries again.
+fn start(
+    setup: &Setup,
+    config: &PipelineConfig,
+    keyframes: Vec<MeasuredKeyframe>,
+) -> Option<JoinHandle<SetupReport>> {
+    let (setup, config) = (setup.clone(), config.clone());
+    let check = move || {
+        lower_priority();
+        // The threads of the process's own pool belong to the pipeline.
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .start_handler(|_| lower_priority())
+            .build();
+        let check = || setup_check::check(&setup, &config, &keyframes, Vec::new(), Effort::Brief);
+        pool.map_or_else(|_| SetupReport::default(), |pool| pool.install(check))
+    };
+    std::thread::Builder::new()
+        .name("setup-check".to_owned())
+        .spawn(check)
+        .ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn doubt() -> SetupReport {
+        SetupReport {
+            warnings: vec!["the field file is of another field".to_owned()],
+            added_pose_covariance: Some(Matrix3::identity()),
+            ..SetupReport::default()
+        }
+    }
+
+    #[test]
+    fn poses_are_marked_after_two_doubts_in_a_row_and_unmarked_by_a_right_check() {
+        let mut watch = SetupWatch::default();
+        assert!(watch.judge(&doubt()).is_none());
+        assert!(watch.judge(&SetupReport::default()).is_none());
+        assert!(watch.judge(&doubt()).is_none());
+        let verdict = watch.judge(&doubt()).expect("a mark");
+        assert_eq!(verdict.covariance, Matrix3::identity());
+        assert!(verdict.text.contains("another field"), "{}", verdict.text);
+        assert!(watch.judge(&doubt()).is_none(), "said once");
+        let verdict = watch.judge(&SetupReport::default()).expect("unmarked");
+        assert_eq!(verdict.covariance, Matrix3::zeros());
+    }
+
+    #[test]
+    fn right_set_ups_are_checked_less_and_less_often() {
+        let mut watch = SetupWatch::default();
+        for _ in 0..9 {
+            watch.judge(&SetupReport::default());
+        }
+        assert!((watch.period - PERIOD_MAX).abs() < 1e-9);
+        watch.judge(&doubt());
+        assert!((watch.period - DOUBTED_PERIOD).abs() < 1e-9);
+    }
+}
