@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use localize::map_correction::MapCorrectionEstimate;
 use localize::robot::BaseConfig;
-use localize::{At, FieldFrame, RobotFrame};
+use localize::{At, FieldFrame, RobotFrame, Stamp};
 use vision::colour::colour_table::ColourTable;
 use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 
@@ -22,6 +22,7 @@ use super::source::live::LiveSource;
 use super::source::log::LogPlayer;
 use super::source::metrics_reader::MetricsReader;
 use super::source::recompute::Recompute;
+use super::source::recording::log_of_recording;
 use super::source::sim_worker::{SimWorker, SourceRequest};
 use super::source::{Source, remote};
 use super::static_scene::StaticScene;
@@ -31,6 +32,11 @@ use pipeline::PipelineConfig;
 use pipeline::config::PIPELINE_FILE;
 use pipeline::log::LogIndex;
 use pipeline::setup::Setup;
+
+/// Longest step of a playing log over which the devices' statistics continue, seconds: a frame at the highest speed.
+const MONITORED_JUMP: f64 = 10.0;
+/// Time before a jump's target from which the statistics start, seconds.
+const MONITORED_BEFORE: f64 = 2.0;
 
 /// Playback state.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,6 +98,8 @@ pub(crate) struct Session {
     pub(crate) settings: SettingsState,
     /// Labels, mask and map calibration.
     pub(crate) calibration: CalibrationState,
+    /// Time under the pointer in a plot, seconds.
+    pub(crate) hovered_time: Option<f64>,
     /// State of the devices.
     pub(crate) devices: DeviceMonitor,
     /// The layers rendered last.
@@ -105,6 +113,8 @@ pub(crate) struct Session {
     /// Check of the log's set-up.
     pub(crate) setup_check: SetupCheck,
     metrics_reader: Option<MetricsReader>,
+    /// Folder of the log that was computed from a recording folder.
+    _recording_log: Option<tempfile::TempDir>,
 }
 
 impl Default for Session {
@@ -124,6 +134,7 @@ impl Default for Session {
             source_config: PipelineConfig::default(),
             settings: SettingsState::new(PipelineConfig::default()),
             calibration: CalibrationState::default(),
+            hovered_time: None,
             devices: DeviceMonitor::default(),
             rendered_layers: RenderedLayers::default(),
             colour_table: None,
@@ -131,23 +142,36 @@ impl Default for Session {
             revision: 0,
             setup_check: SetupCheck::default(),
             metrics_reader: None,
+            _recording_log: None,
         }
     }
 }
 
 impl Session {
-    /// Opens a log (`.mcap`), plays a scenario (`.toml`), or connects to a robot's stream (`host:port`).
+    /// Opens a log (`.mcap`) or a recording folder, plays a scenario (`.toml`), or connects to a robot's stream (`host:port`).
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let text = path.to_string_lossy();
         let port = text.rsplit_once(':').map(|(_, port)| port.parse::<u16>());
         if !path.exists() && (text.starts_with("ws://") || matches!(port, Some(Ok(_)))) {
             return Session::connect(&text);
         }
-        if path.extension().is_some_and(|end| end == "toml") {
+        if path.is_dir() {
+            Session::recording(path)
+        } else if path.extension().is_some_and(|end| end == "toml") {
             Session::open_scenario(path, None, PipelineConfig::default())
         } else {
             Session::log(path)
         }
+    }
+
+    /// Computes and opens the poses of a recording folder.
+    fn recording(folder: &Path) -> Result<Self> {
+        let (place, log) = log_of_recording(folder)?;
+        Ok(Session {
+            title: format!("recording {}", folder.display()),
+            _recording_log: Some(place),
+            ..Session::log(&log)?
+        })
     }
 
     /// Opens a log of any version.
@@ -327,9 +351,7 @@ impl Session {
 
     /// Shows the cycle at `time`.
     pub(crate) fn seek(&mut self, time: f64) {
-        if !matches!(self.source, Source::Live(_)) {
-            self.devices = DeviceMonitor::default();
-        } else {
+        if matches!(self.source, Source::Live(_)) {
             self.playback.playing = false;
         }
         self.playback.time = time;
@@ -382,14 +404,7 @@ impl Session {
     fn set_shown(&mut self, result: Result<Option<DecodedCycle>>) {
         match result {
             Ok(Some(shown)) => {
-                let same = self
-                    .shown
-                    .as_ref()
-                    .is_some_and(|now| now.cycle.stamp == shown.cycle.stamp);
-                if !same && matches!(self.source, Source::Log(_)) {
-                    self.devices.update(&shown.cycle);
-                }
-                self.last_error = None;
+                self.last_error = self.monitor_logged_devices(shown.cycle.stamp).err();
                 self.shown = Some(shown);
             }
             Ok(None) => {}
@@ -398,6 +413,29 @@ impl Session {
                 self.last_error = Some(format!("{error:#}"));
             }
         }
+    }
+
+    /// Updates the devices' statistics with every logged cycle up to the shown one, drawn or not.
+    ///
+    /// They start anew, two seconds earlier, after a jump by more than some chunks of the log.
+    fn monitor_logged_devices(&mut self, shown: Stamp) -> Result<(), String> {
+        let Source::Log(player) = &mut self.source else {
+            return Ok(());
+        };
+        let seen = self.devices.stamp;
+        let continues = self.devices.cycles > 0 && shown >= seen && shown - seen < MONITORED_JUMP;
+        if !continues {
+            self.devices = DeviceMonitor::default();
+        }
+        let from = if continues {
+            seen
+        } else {
+            Stamp::from_seconds(shown.seconds() - MONITORED_BEFORE)
+        };
+        let devices = &mut self.devices;
+        player
+            .visit_cycles(from, shown, |cycle| devices.update(cycle))
+            .map_err(|error| format!("{error:#}"))
     }
 
     /// Toggles between playing and pause; the view's own simulation pauses too.
