@@ -207,6 +207,8 @@ pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
             canvas
                 .painter
                 .circle_stroke(to_screen(At::new(0.0, 0.0)), ring * scale, stroke);
+            let at = to_screen(At::new(ring, 0.0));
+            canvas.label(at, format!("{ring:.0} m"), palette::PROJECTED_LINE);
         }
     }
     if let (true, Some(pose)) = (layers.field_lines, canvas.cycle.estimate.pose) {
