@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 export PYO3_PYTHON := $(CURDIR)/$(VENV)/bin/python
 
-.PHONY: announce run test check fmt lint genicam doc deny bench figures site dist setup system clean
+.PHONY: announce run test check fmt lint genicam ros2 doc deny bench figures site dist setup system clean
 
 run: announce setup
 	cargo run --release --locked -- demo
@@ -37,6 +37,13 @@ lint: setup
 genicam: setup
 	cargo clippy --release --locked -p hw --features aravis --all-targets -- -D warnings
 	MIRRORBALL_REQUIRE_TOOLS=1 cargo test --release --locked -p hw --features aravis --test genicam
+
+# The node of ROS 2 with Cyclone DDS, in network namespaces of the tests (root). `make test` expects the executable without it.
+ros2: setup
+	cargo clippy --release --locked -p app --features ros2 --all-targets -- -D warnings
+	cargo test --release --locked -p app --features ros2 --lib ros2
+	cargo build --release --locked -p app --features ros2
+	MIRRORBALL_REQUIRE_TOOLS=1 $(VENV)/bin/python -m pytest tests/test_ros.py tests/test_bags.py
 
 # API documentation of our own crates; a broken link is an error.
 doc: setup

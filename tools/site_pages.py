@@ -75,10 +75,26 @@ def help_text(*command: str) -> str:
 
 
 def api_page(module: str) -> str:
-    """A module's public names."""
-    names = public_names(module)
-    entries = "\n\n".join(f"::: {name}" for name in names)
-    return f"# {module}\n\n{entries}\n"
+    """A module's public names, each with its example."""
+    short = module.rpartition(".")[2]
+    examples = examples_of(short)
+    entries = []
+    for name in public_names(module):
+        entries.append(f"::: {name}")
+        if code := examples.get(name.rpartition(".")[2]):
+            entries.append(f"Example:\n\n```python\n{code}\n```")
+    note = (
+        f"The examples run in the order of `py/examples/reference/{short}.py`, in a clone's folder: "
+        "later ones use names of earlier ones."
+    )
+    return "\n\n".join([f"# {module}", note, *entries]) + "\n"
+
+
+def examples_of(module: str) -> dict[str, str]:
+    """Code by public name, from the cells of py/examples/reference."""
+    text = (ROOT / f"py/examples/reference/{module}.py").read_text()
+    parts = re.split(r"^# %% (.+)$", text, flags=re.MULTILINE)[1:]
+    return {name: code.strip() for names, code in zip(parts[::2], parts[1::2], strict=True) for name in names.split(", ")}
 
 
 def public_names(module: str) -> list[str]:

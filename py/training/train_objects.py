@@ -11,11 +11,11 @@ logs (`mirrorball replay LOG --export DIR`). Equal inputs and seeds give equal w
 from __future__ import annotations
 
 import argparse
-import colorsys
 from pathlib import Path
 
 import numpy as np
 import patches
+from composites import composite_balls, composite_no_obstacles, composite_obstacles, composite_others
 from networks import CoarseNetwork, Network, PatchNetwork, logistic, softmax, write_reference, write_weights
 from numpy.typing import NDArray
 from prepare_recordings import drives
@@ -24,83 +24,48 @@ from samples import sample_image
 
 EPOCHS = 8
 BATCH_POSITIVE = 64
-COMPOSITES = 4000
+POOL = 24000
+# Share of painted and pasted obstacles among those of a batch.
+PAINTED = 0.25
 CHANNEL_ORDERS = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (2, 1, 0), (1, 2, 0), (2, 0, 1)]
-AWAY, ASIDE = np.meshgrid(patches.PLACES * patches.BALL_STEP, patches.PLACES * patches.BALL_STEP, indexing="ij")
 
 Colours = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
 
 
-def disc(radius: float, soft: float, away: float, aside: float) -> Colours:
-    """Soft mask of a disc in a ball's patch, radii."""
-    return np.clip((radius + soft / 2 - np.hypot(AWAY - away, ASIDE - aside)) / soft, 0, 1)[..., None]
+def _blurred(patch: Floats32, rng: np.random.Generator) -> Floats32:
+    """Blur of a third of the patches, along and across the view by different amounts."""
+    for axis in (1, 2):
+        share = (rng.uniform(0, 0.33, (len(patch), 1, 1, 1)) * (rng.random((len(patch), 1, 1, 1)) < 0.35)).astype(np.float32)
+        padded = np.concatenate([patch.take([0], axis), patch, patch.take([-1], axis)], axis)
+        side = patch.shape[axis]
+        around = padded.take(range(side), axis) + padded.take(range(2, side + 2), axis)
+        patch = (1 - 2 * share) * patch + share * around
+    return patch
 
 
-def painted_ball(rng: np.random.Generator) -> Colours:
-    """A ball of any colour, shaded, sometimes of two colours."""
-    colour = np.array(colorsys.hsv_to_rgb(rng.random(), rng.choice([0, 0.1, 0.3, 0.6, 0.9]), rng.uniform(0.25, 1))) * 255
-    ball = np.broadcast_to(colour, (patches.SIDE, patches.SIDE, 3)).copy()
-    if rng.random() < 0.3:
-        angle = rng.uniform(0, 2 * np.pi)
-        part = np.cos(angle) * ASIDE + np.sin(angle) * AWAY > rng.uniform(-0.5, 0.5)
-        ball[part] = np.array(colorsys.hsv_to_rgb(rng.random(), rng.choice([0, 0.8]), rng.uniform(0.1, 1))) * 255
-    angle = rng.uniform(0, 2 * np.pi)
-    shade = 1 + rng.uniform(0, 0.45) * (np.cos(angle) * ASIDE + np.sin(angle) * AWAY)
-    return ball * shade[..., None]
-
-
-def composite_balls(real: Colours, backgrounds: Colours, rng: np.random.Generator) -> Colours:
-    """Real and painted balls on other places of the carpet, with shadows, partly hidden."""
-    made = []
-    for _ in range(COMPOSITES):
-        ground = backgrounds[rng.integers(len(backgrounds))]
-        ball = real[rng.integers(len(real))] if rng.random() < 0.5 else painted_ball(rng)
-        radius, away, aside = rng.uniform(0.85, 1.2), *rng.uniform(-0.35, 0.35, 2)
-        shadow = disc(1.15 * radius, 0.8, away + rng.uniform(-0.6, 0.3), aside + rng.uniform(-0.5, 0.5)) * rng.uniform(0, 0.6)
-        mask = disc(radius, rng.uniform(0.2, 0.9), away, aside)
-        patch = ground * (1 - shadow) * (1 - mask) + np.clip(ball * np.exp(rng.uniform(-0.3, 0.3)), 0, 255) * mask
-        if rng.random() < 0.12:
-            angle = rng.uniform(0, 2 * np.pi)
-            patch[np.cos(angle) * ASIDE + np.sin(angle) * AWAY > rng.uniform(0.2, 0.7)] = rng.uniform(5, 70)
-        inner, floor = np.hypot(AWAY, ASIDE) < 0.8, patches.FLOOR["ball"]
-        contrast = np.log(patch[inner] + 8).mean(0) - np.log(ground[floor] + 8).mean(0)
-        if np.abs(contrast).mean() > 0.18:
-            made.append(patch)
-    return np.array(made)
-
-
-def composite_others(backgrounds: Colours, rng: np.random.Generator) -> Colours:
-    """Discs that are no ball: beside the centre, too large, too small."""
-    made = []
-    for _ in range(COMPOSITES // 2):
-        ground = backgrounds[rng.integers(len(backgrounds))]
-        angle = rng.uniform(0, 2 * np.pi)
-        if rng.random() < 0.6:
-            length = rng.uniform(1.0, 1.9)
-            mask = disc(rng.uniform(0.8, 1.2), 0.4, length * np.sin(angle), length * np.cos(angle))
-        elif rng.random() < 0.6:
-            mask = disc(rng.uniform(1.9, 3.5), 0.4, 0.3 * np.sin(angle), 0.3 * np.cos(angle))
-        else:
-            mask = disc(rng.uniform(0.2, 0.5), 0.3, 0, 0)
-        made.append(ground * (1 - mask) + painted_ball(rng) * mask)
-    return np.array(made)
-
-
-def augment(colours: NDArray[np.generic], rng: np.random.Generator) -> Colours:
-    """Mirrors, gamma, colour casts, exchanged channels, noise, veiling light."""
+def augment(colours: NDArray[np.generic], rng: np.random.Generator) -> Floats32:
+    """Another camera's picture of the same: mirrored, blurred, other colours, exposure, saturation, noise, veiling light."""
     count = len(colours)
-    patch = colours.astype(float)
+    each = (count, 1, 1, 1)
+
+    def uniform(low: float, high: float, shape: tuple[int, ...] = each) -> Floats32:
+        return rng.uniform(low, high, shape).astype(np.float32)
+
+    patch = colours.astype(np.float32)
     mirrored = rng.random(count) < 0.5
     patch[mirrored] = patch[mirrored][:, :, ::-1]
-    each = (count, 1, 1, 1)
-    patch = 255 * np.clip(patch / 255, 0, 1) ** np.exp(rng.uniform(-0.25, 0.25, each))
-    patch = patch * np.exp(rng.uniform(-0.35, 0.35, (count, 1, 1, 3))) * np.exp(rng.uniform(-0.3, 0.2, each))
+    patch = _blurred(patch, rng)
     order = rng.integers(len(CHANNEL_ORDERS), size=count)
-    for number, channels in enumerate(CHANNEL_ORDERS):
-        patch[order == number] = patch[order == number][..., channels]
-    patch = patch + rng.normal(size=patch.shape) * rng.uniform(0, 6, each)
-    veil = rng.uniform(0, 0.15, each)
-    return np.clip(patch * (1 - veil) + veil * rng.uniform(60, 200, each), 0, 255)
+    patch = np.take_along_axis(patch, np.array(CHANNEL_ORDERS)[order][:, None, None], 3)
+    grey = patch.mean(3, keepdims=True)
+    patch = np.clip(grey + (patch - grey) * np.exp(uniform(-0.5, 0.4)), 0, 255)
+    patch = 255 * (patch / 255) ** np.exp(uniform(-0.3, 0.3))
+    # A bright picture saturates.
+    patch = np.minimum(patch * np.exp(uniform(-0.35, 0.35, (count, 1, 1, 3)) + uniform(-0.3, 0.4)), 255)
+    patch += rng.standard_normal(patch.shape, np.float32) * uniform(0, 6)
+    veil = uniform(0, 0.15)
+    return np.clip(patch * (1 - veil) + veil * uniform(60, 200), 0, 255)
 
 
 def _hardness(network: PatchNetwork, kind: str, colours: NDArray[np.generic], inside: NDArray[np.bool_]) -> Colours:
@@ -143,15 +108,14 @@ def train(
     negatives = 2 * BATCH_POSITIVE
     total = BATCH_POSITIVE + negatives
     is_object = np.r_[np.ones(BATCH_POSITIVE), np.zeros(negatives)].astype(np.float32)[:, None]
-    hard = others[2]
     for epoch in range(EPOCHS):
         rate = 0.002 * (1 + np.cos(np.pi * epoch / EPOCHS)) + 1e-4
-        if epoch:
-            hard = _hardness(network, kind, *others[:2]) * others[2]
-            hard /= hard.sum()
+        # The hard ones of other counterexamples in each epoch.
+        pool = rng.choice(len(others[0]), POOL, p=others[2])
+        hard = _hardness(network, kind, others[0][pool], others[1][pool]) if epoch else np.full(POOL, 1 / POOL)
         for _ in range(steps):
             positive = rng.choice(len(colours), BATCH_POSITIVE, p=weights)
-            negative = rng.choice(len(others[0]), negatives, p=hard)
+            negative = rng.choice(pool, negatives, p=hard)
             patch = augment(np.concatenate([colours[positive], others[0][negative]]), rng)
             known = np.concatenate([inside[positive], others[1][negative]])
             result = network.forward(patches.normalize(kind, patch, known))
@@ -181,8 +145,8 @@ def train_ball(samples: list[Samples], simulated: set[str], *, steps: int, seed:
     backgrounds = np.concatenate([sample.ball_backgrounds for sample in samples]).astype(float)
     composites = composite_balls(real, backgrounds, rng)
     wrong = composite_others(backgrounds, rng)
-    others = np.concatenate([*(sample.ball_negatives for sample in samples), wrong]).astype(np.float32)
-    colours = np.concatenate([real, composites]).astype(np.float32)
+    others = np.concatenate([*(sample.ball_negatives for sample in samples), wrong])
+    colours = np.concatenate([real.astype(np.uint8), composites])
     counts = [len(sample.ball_negatives) for sample in samples]
     labelled = [sample.camera not in simulated for sample in samples]
     share = _even([*counts, len(wrong)], [*labelled, False])
@@ -210,12 +174,25 @@ def train_obstacle(samples: list[Samples], simulated: set[str], *, steps: int, s
     weight, is_labelled = np.array(weights), np.array(labelled)
     shares = [part * weight / max((part * weight).sum(), 1e-9) for part in (is_labelled, ~is_labelled)]
     share = 2 * shares[0] + shares[1]
-    objects = (np.array(colours), np.array(inside), np.array(labels), share / share.sum())
+    rng = np.random.default_rng(seed)
+    negatives = np.concatenate([sample.obstacle_negatives for sample in samples])
+    known = np.concatenate([sample.obstacle_inside for sample in samples])
+    clear = negatives[known.all((1, 2))]
+    painted, kinds = composite_obstacles(list(zip(labels, colours, strict=True)), clear, rng)
+    wrong = composite_no_obstacles(clear, rng)
+    everywhere = [np.ones(part.shape[:3], bool) for part in (painted, wrong)]
+    objects = (
+        np.concatenate([np.array(colours), painted]),
+        np.concatenate([np.array(inside), everywhere[0]]),
+        np.concatenate([np.array(labels), kinds]),
+        np.concatenate([(1 - PAINTED) * share / share.sum(), np.full(len(painted), PAINTED / len(painted))]),
+    )
     counts = [len(sample.obstacle_negatives) for sample in samples]
+    even = _even([*counts, len(wrong)], [*(sample.camera not in simulated for sample in samples), False])
     others = (
-        np.concatenate([sample.obstacle_negatives for sample in samples]),
-        np.concatenate([sample.obstacle_inside for sample in samples]),
-        _even(counts, [sample.camera not in simulated for sample in samples]),
+        np.concatenate([negatives, wrong]),
+        np.concatenate([known, everywhere[1]]),
+        even,
     )
     return list(train("obstacle", objects, others, steps=steps, seed=seed))
 
@@ -234,7 +211,7 @@ def main() -> None:
     parser.add_argument("--leave-out", default="", metavar="NAME", help="labelled recording of DIR not to train on")
     parser.add_argument("--labelled", action="append", default=[], metavar="DIR[:MAP[:U:V]]")
     parser.add_argument("--simulated", action="append", default=[], metavar="DIR")
-    parser.add_argument("--steps", type=int, default=180, help="steps of each of the eight epochs")
+    parser.add_argument("--steps", type=int, default=400, help="steps of each of the eight epochs")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
@@ -242,12 +219,13 @@ def main() -> None:
         names = [name for name in ("labelled_Y3", "labelled_Y1") if name != args.leave_out]
         args.labelled += [str(args.prepared / name) for name in names]
         args.simulated += [str(args.prepared / name) for name in drives()]
-    rng = np.random.default_rng(args.seed)
     samples = []
     recordings = [(labelled_camera(text), True) for text in args.labelled]
     recordings += [(Camera(Path(text)), False) for text in args.simulated]
     for camera, labelled in recordings:
         objects = labelled_objects(camera) if labelled else simulated_objects(camera)
+        # Its own numbers, so that leaving a recording out changes no other's patches.
+        rng = np.random.default_rng(args.seed)
         for stamp, file in camera.frames:
             balls, obstacles = objects.get(stamp, ([], []))
             samples.append(sample_image(camera, file, balls, obstacles, rng))

@@ -186,6 +186,14 @@ impl Pipeline {
         *self = next;
     }
 
+    /// The state of this pipeline, at a given pose.
+    pub fn warm_start_at(&self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) -> WarmStart {
+        WarmStart {
+            pose: Some(StampedPose::new(stamp, pose, covariance)),
+            ..self.warm_start()
+        }
+    }
+
     fn warm_start(&self) -> WarmStart {
         WarmStart {
             pose: self.last_pose,

@@ -1,5 +1,5 @@
 //! Prints the table of `sim::fusion_experiment`: `cargo run --release -p sim --example fusion [SEEDS] [SECONDS] [COURSE|all]
-//! [LOCALIZE.toml]`. The last argument is an overlay of localisation settings.
+//! [LOCALIZE.toml]`. The last argument is an overlay of localization settings.
 
 use std::path::Path;
 

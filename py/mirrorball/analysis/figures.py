@@ -97,7 +97,7 @@ def times(runs: dict[str, pd.DataFrame]) -> Figure:
     figure, axes = rows(3)
     for (name, run), colour in zip(runs.items(), COLOURS * 4, strict=False):
         axes[0].plot(run["stamp_s"], run["see_ms"], color=colour, linewidth=0.8, label=f"{name}: vision")
-        axes[0].plot(run["stamp_s"], run["localize_ms"], color=colour, linewidth=0.8, linestyle=":", label="localisation")
+        axes[0].plot(run["stamp_s"], run["localize_ms"], color=colour, linewidth=0.8, linestyle=":", label="localization")
         axes[1].plot(run["stamp_s"], run["line_points"], color=colour, linewidth=0.8, label=name)
         axes[2].plot(run["stamp_s"], run["mode"].map({"tracking": 2, "global": 1, "lost": 0}), color=colour,
                      drawstyle="steps-post", linewidth=0.9)  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 ERROR_METRICS = {"position error, cm": ("error_m", 100.0), "heading error, °": ("error_theta_rad", 180.0 / np.pi)}
-TIME_METRICS = {"vision, ms": ("see_ms", 1.0), "localisation, ms": ("localize_ms", 1.0)}
+TIME_METRICS = {"vision, ms": ("see_ms", 1.0), "localization, ms": ("localize_ms", 1.0)}
 OTHER_METRICS = {"line points": ("line_points", 1.0), "normalised error²": ("nees", 1.0)}
 
 

@@ -21,6 +21,7 @@ pub(crate) use pipeline::datagram::TeamLinkConfig;
 pub(crate) use state_sender::{CommandStatus, OutputConfig, StateSender};
 pub(crate) use team::TeamTransport;
 
+use crate::ros2::config::Ros2Config;
 use crate::run::tuning::TuningHandle;
 use crate::stream::{self, StreamConfig, StreamPreamble};
 use pipeline::feed::Feed;
@@ -37,6 +38,8 @@ pub(crate) struct NetworkConfig {
     pub team: Option<TeamLinkConfig>,
     /// The live stream for viewers.
     pub stream: Option<StreamConfig>,
+    /// A node of ROS 2.
+    pub ros2: Option<Ros2Config>,
 }
 
 /// The running network threads. Dropping it ends them.
@@ -80,6 +83,9 @@ impl NetworkConfig {
         }
         if let Some(stream) = &self.stream {
             stream.check()?;
+        }
+        if let Some(ros2) = &self.ros2 {
+            ros2.check()?;
         }
         Ok(())
     }

@@ -8,6 +8,8 @@ use tiny_skia::{
 
 use vision::image::Image;
 
+use super::text::glyph;
+
 /// A field drawn from above, x to the right, y up.
 pub(crate) struct FieldDrawing {
     pixmap: Pixmap,
@@ -221,11 +223,6 @@ fn paint(colour: Color) -> Paint<'static> {
     };
     paint.set_color(colour);
     paint
-}
-
-/// Rows of a letter, bit 0 leftmost. None outside ASCII.
-fn glyph(letter: char) -> Option<[u8; 8]> {
-    font8x8::legacy::BASIC_LEGACY.get(letter as usize).copied()
 }
 
 /// Two pictures side by side, the smaller one centred vertically on black.

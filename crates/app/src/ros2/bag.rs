@@ -11,7 +11,8 @@ use serde::Serialize;
 use vision::output_file::OutputFile;
 
 use super::cdr;
-use super::convert::{Frames, MessageConverter, Outgoing};
+use super::convert::{MessageConverter, Outgoing};
+use super::frames::Frames;
 use super::markers::field_markers;
 use super::messages::{Bytes, Clock, CompressedImage, RosType, TFMessage, schema_text};
 use super::odometry_frame::PlanarPose;

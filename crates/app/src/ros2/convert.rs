@@ -8,6 +8,7 @@ use nalgebra::Matrix3;
 use pipeline::Cycle;
 use pipeline::log::{mode_and_reason, reason_text};
 
+use super::frames::Frames;
 use super::markers;
 use super::messages::{
     BoundingBox3D, Byte, Bytes, Detection3D, Detection3DArray, DiagnosticArray, DiagnosticStatus,
@@ -22,30 +23,6 @@ use super::primitives::{
 
 /// `datatype` of a 32-bit float in a point cloud.
 const FLOAT32: u8 = 7;
-
-/// Names of the frames of REP 105.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Frames {
-    /// The field: origin at its centre, x along its length.
-    pub(crate) map: String,
-    /// Where the odometry began.
-    pub(crate) odom: String,
-    /// The robot: on the ground below the mirror's axis, x forward.
-    pub(crate) base: String,
-    /// The camera.
-    pub(crate) camera: String,
-}
-
-impl Default for Frames {
-    fn default() -> Self {
-        Frames {
-            map: "map".to_owned(),
-            odom: "odom".to_owned(),
-            base: "base_link".to_owned(),
-            camera: "camera".to_owned(),
-        }
-    }
-}
 
 /// A message with its topic.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,6 +44,10 @@ pub(crate) struct MessageConverter {
     /// Added to a stamp it gives the time of its message, nanoseconds.
     clock_offset_ns: i64,
     odometry: OdometryFrame,
+    /// Another program publishes the frame `odom`.
+    has_external_odometry: bool,
+    /// Its pose at the next cycle.
+    external_odometry: Option<PlanarPose>,
 }
 
 impl MessageConverter {
@@ -76,7 +57,22 @@ impl MessageConverter {
             frames,
             clock_offset_ns,
             odometry: OdometryFrame::new(filter),
+            has_external_odometry: false,
+            external_odometry: None,
         }
+    }
+
+    /// The wall clock has moved against that of the stamps.
+    #[cfg(feature = "ros2")]
+    pub(crate) fn set_clock_offset_ns(&mut self, clock_offset_ns: i64) {
+        self.clock_offset_ns = clock_offset_ns;
+    }
+
+    /// Another program publishes the frame `odom`; `pose`: of the robot in it at the next cycle's image.
+    #[cfg(feature = "ros2")]
+    pub(crate) fn set_external_odometry(&mut self, exists: bool, pose: Option<PlanarPose>) {
+        self.has_external_odometry = exists;
+        self.external_odometry = pose;
     }
 
     /// Nanoseconds of a message's stamp.
@@ -89,6 +85,9 @@ impl MessageConverter {
         let mut messages = Vec::new();
         for sample in &cycle.inputs.odometry {
             self.odometry.add(sample);
+            if self.has_external_odometry {
+                continue;
+            }
             let stamp_ns = self.time_ns(sample.stamp);
             messages.push((
                 stamp_ns,
@@ -127,14 +126,17 @@ impl MessageConverter {
                 header: header(stamp_ns, &frames.map),
                 pose: uncertain_pose(pose, &covariance),
             }));
-            let map_from_odom = pose.correction_of(self.odometry.pose_at(cycle.stamp));
-            let names = [&*frames.map, &*frames.odom];
-            messages.push(transforms(planar_transform(
-                stamp_ns,
-                names,
-                map_from_odom,
-                0.0,
-            )));
+            let odometry = if self.has_external_odometry {
+                self.external_odometry
+            } else {
+                Some(self.odometry.pose_at(cycle.stamp))
+            };
+            if let Some(odometry) = odometry {
+                let names = [&*frames.map, &*frames.odom];
+                let map_from_odom = pose.correction_of(odometry);
+                let transform = planar_transform(stamp_ns, names, map_from_odom, 0.0);
+                messages.push(transforms(transform));
+            }
         }
         messages.push(Outgoing::LinePoints(line_points(
             &cycle.line_points,

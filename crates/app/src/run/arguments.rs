@@ -36,6 +36,10 @@ pub(crate) struct Args {
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     pub(super) live: Option<SocketAddr>,
     /// State output, commands and team messages by UDP (docs/network.md) [default: network.toml in the robot's folder].
+    #[cfg_attr(
+        feature = "ros2",
+        doc = "A node of ROS 2 by its section [ros2] (docs/ros.md)."
+    )]
     #[arg(long, value_name = "FILE.toml")]
     pub(super) network: Option<PathBuf>,
     /// End after this time.

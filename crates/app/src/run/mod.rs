@@ -7,6 +7,8 @@ pub(crate) mod latency;
 pub(crate) mod log_rotation;
 pub(crate) mod network;
 pub(crate) mod patrol;
+#[cfg(feature = "ros2")]
+mod pose_reset;
 pub(crate) mod raw_image;
 mod replay_start;
 pub(crate) mod robot_folder;

@@ -12,7 +12,11 @@ use super::command_arbiter::{CommandArbiter, CommandError, CommandSource};
 use super::tuning::TuningHandle;
 use crate::net::commands::CommandCounts;
 use crate::net::{Network, NetworkConfig, RemoteCommand};
+#[cfg(feature = "ros2")]
+use crate::ros2::{NodeContext, RosNode};
 use crate::stream::{StreamConfig, StreamPreamble};
+#[cfg(feature = "ros2")]
+use localize::Stamp;
 use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 
@@ -22,6 +26,8 @@ pub(crate) const NETWORK_FILE: &str = "network.toml";
 /// The network threads of a run. Dropping it ends them.
 pub(super) struct RunNetwork {
     network: Network,
+    #[cfg(feature = "ros2")]
+    node: Option<RosNode>,
 }
 
 /// Reads the network configuration: `file`, else the robot's own network.toml, else an empty one.
@@ -45,6 +51,12 @@ pub(super) fn load_config(
             team.robot
         );
     }
+    #[cfg(not(feature = "ros2"))]
+    ensure!(
+        config.ros2.is_none(),
+        "[ros2] in {}: this build has no node of ROS 2. Use the tarball mirrorball-ros2, or build with --features ros2",
+        file.map_or_else(String::new, |file| file.display().to_string())
+    );
     if let Some(address) = live {
         config.stream = Some(StreamConfig {
             bind: address.ip().to_string(),
@@ -70,7 +82,39 @@ impl RunNetwork {
         // The reason of a rejection is not reported: the sender sees that the wheels do not turn.
         let execute = move |command: RemoteCommand| execute_command(&arbiter, command).is_ok();
         let network = config.start(feed, (preamble, tuning), session, hw::now, execute)?;
-        Ok(RunNetwork { network })
+        Ok(RunNetwork {
+            network,
+            #[cfg(feature = "ros2")]
+            node: None,
+        })
+    }
+
+    /// Starts the node of ROS 2, if it is configured.
+    #[cfg(feature = "ros2")]
+    pub(super) fn start_node(
+        &mut self,
+        config: &NetworkConfig,
+        feed: &Feed,
+        context: &NodeContext<'_>,
+        arbiter: &CommandArbiter,
+    ) -> Result<()> {
+        let Some(ros2) = &config.ros2 else {
+            return Ok(());
+        };
+        let arbiter = arbiter.clone();
+        let drive = move |twist: Twist, deadline: Stamp| {
+            let motion = MotionCommand::Twist(twist);
+            let source = CommandSource::Program;
+            arbiter.drive(source, motion, deadline, false).is_ok()
+        };
+        self.node = Some(RosNode::start(ros2, feed, context, Box::new(drive))?);
+        Ok(())
+    }
+
+    /// The node of ROS 2.
+    #[cfg(feature = "ros2")]
+    pub(super) fn node(&self) -> Option<&RosNode> {
+        self.node.as_ref()
     }
 
     /// Reports of team-mates received since the last call.
@@ -105,10 +149,12 @@ impl RunNetwork {
     pub(super) fn take_notices(&self) -> Vec<String> {
         let commands = self.network.commands.iter();
         let stream = self.network.stream.iter();
-        commands
+        let notices = commands
             .flat_map(|commands| commands.take_notices())
-            .chain(stream.flat_map(|stream| stream.take_notices()))
-            .collect()
+            .chain(stream.flat_map(|stream| stream.take_notices()));
+        #[cfg(feature = "ros2")]
+        let notices = notices.chain(self.node.iter().flat_map(RosNode::take_notices));
+        notices.collect()
     }
 }
 

@@ -17,6 +17,8 @@ use super::exposure_control::ExposureControl;
 use super::log_rotation::LogRotation;
 use super::network::{self, RunNetwork};
 use super::patrol::Patrol;
+#[cfg(feature = "ros2")]
+use super::pose_reset::PoseReset;
 use super::raw_image::raw_image;
 use super::replay_start::ReplayStart;
 use super::robot_folder::RobotFolder;
@@ -26,6 +28,8 @@ use super::stop_flag::StopFlag;
 use super::teleop;
 use super::tuning::Tuning;
 use crate::memory::{self, RUN_RETAINED_BYTES};
+#[cfg(feature = "ros2")]
+use crate::ros2::{GivenPose, NodeContext, RosNode};
 use crate::stream::{StreamConfig, StreamPreamble};
 use pipeline::config::PIPELINE_FILE;
 use pipeline::corrected_map;
@@ -65,6 +69,8 @@ pub(super) struct RunLoop {
     network: RunNetwork,
     tuning: Option<Tuning>,
     replay_start: ReplayStart,
+    #[cfg(feature = "ros2")]
+    pose_reset: PoseReset,
     patrol: Option<Patrol>,
     teleop: bool,
     realtime: Option<i32>,
@@ -104,13 +110,34 @@ impl RunLoop {
         let start_tuning = |stream: &StreamConfig| {
             Tuning::start(robot.setup.clone(), &config, stream.key.as_deref())
         };
-        let tuned = network_config
-            .stream
-            .as_ref()
-            .filter(|stream| stream.tuning);
-        let tuning = tuned.map(start_tuning).transpose()?;
+        let stream = network_config.stream.clone().unwrap_or_default();
+        let is_tuned = stream.tuning || network_config.ros2.is_some();
+        let tuning = is_tuned.then(|| start_tuning(&stream)).transpose()?;
         let desk = tuning.as_ref().map(Tuning::desk);
-        let network = RunNetwork::start(&network_config, &feed, preamble, desk, &arbiter)?;
+        let stream_desk = desk.clone().filter(|_| stream.tuning);
+        #[cfg_attr(
+            not(feature = "ros2"),
+            expect(unused_mut, reason = "the node is added")
+        )]
+        let mut network =
+            RunNetwork::start(&network_config, &feed, preamble, stream_desk, &arbiter)?;
+        #[cfg(feature = "ros2")]
+        network.start_node(
+            &network_config,
+            &feed,
+            &NodeContext {
+                field,
+                filter: &config.localize.filter,
+                camera_height: robot
+                    .setup
+                    .robot
+                    .camera
+                    .as_ref()
+                    .and_then(|camera| camera.height),
+                tuning: desk.map(|desk| desk.without_key()),
+            },
+            &arbiter,
+        )?;
         let pose_writer = args.out.as_deref().map(PoseWriter::start).transpose()?;
         Ok(RunLoop {
             robot,
@@ -123,6 +150,8 @@ impl RunLoop {
             network,
             tuning,
             replay_start: ReplayStart::default(),
+            #[cfg(feature = "ros2")]
+            pose_reset: PoseReset::default(),
             patrol,
             teleop: args.teleop,
             realtime: args.realtime,
@@ -148,6 +177,10 @@ impl RunLoop {
         let devices = Devices::start(&self.robot.hardware, &self.robot.setup.robot, &events)?;
         self.arbiter
             .attach_base(devices.base.as_ref().map(BaseDriver::handle));
+        #[cfg(feature = "ros2")]
+        if let Some(node) = self.network.node() {
+            node.attach_events(&events);
+        }
         let motion_thread = self.start_motion_thread(stop)?;
         status.print_line(&start_message(&self.robot.hardware, self.teleop));
         let exposure = ExposureControl::start(&devices, self.robot.setup.robot.exposure);
@@ -159,6 +192,8 @@ impl RunLoop {
             exposure.command_camera(state.camera_command.take());
             self.take_tuned_pipeline(&mut status);
             self.start_replayable_part(&state, &mut status);
+            #[cfg(feature = "ros2")]
+            self.take_given_pose(&state, &mut status);
             self.watch_setup(&mut state, &mut status);
             if let Some(image) = state.missing_image(hw::now()) {
                 self.process_sample(Sample::Image(image), &mut state, &mut status);
@@ -184,6 +219,8 @@ impl RunLoop {
         let wheels_stopped = self.arbiter.close(STOP_TIMEOUT);
         let commands = self.network.command_counts(self.arbiter.program_tally());
         let team = self.network.team_clocks();
+        #[cfg(feature = "ros2")]
+        let ros2 = self.network.node().map(RosNode::counts);
         stop.raise();
         let health = devices.health();
         drop(devices);
@@ -217,6 +254,8 @@ impl RunLoop {
             wheels_stopped,
             commands,
             team,
+            #[cfg(feature = "ros2")]
+            ros2,
             devices: health,
             log,
         }))
@@ -248,6 +287,10 @@ impl RunLoop {
             DeviceEvent::Imu(imu) => Sample::Imu(imu),
             DeviceEvent::Compass(compass) => Sample::Compass(compass),
             DeviceEvent::Health(health) => {
+                #[cfg(feature = "ros2")]
+                if let Some(node) = self.network.node() {
+                    node.report_device(&health);
+                }
                 let text = status.report_device(&health);
                 self.write_note(&text);
                 return;
@@ -308,7 +351,9 @@ impl RunLoop {
         self.pipeline.replace_by(prepared.pipeline, change);
         self.config = prepared.config;
         self.replay_start.cancel();
-        let text = format!("settings changed over the stream: {}", prepared.changes);
+        #[cfg(feature = "ros2")]
+        self.pose_reset.cancel();
+        let text = format!("settings changed over the network: {}", prepared.changes);
         status.report_settings(&text);
         self.write_note(&text);
     }
@@ -334,6 +379,40 @@ impl RunLoop {
             None => return,
         };
         status.report_log_change(&text);
+        self.write_note(&text);
+    }
+
+    /// Goes on from a pose that another program has given.
+    #[cfg(feature = "ros2")]
+    fn take_given_pose(&mut self, state: &RunState, status: &mut RunStatus) {
+        if let Some(given) = self.network.node().and_then(RosNode::take_given_pose) {
+            self.pose_reset
+                .request(given, &self.robot.setup, &self.config);
+        }
+        let Some((built, GivenPose { pose, covariance })) = self.pose_reset.take() else {
+            return;
+        };
+        let stamp = state
+            .last_cycle
+            .as_ref()
+            .map_or_else(hw::now, |cycle| cycle.stamp);
+        let text = match built {
+            Ok((next, settings)) => {
+                let change = SettingsChange {
+                    config_toml: settings.into(),
+                    warm_start: Some(self.pipeline.warm_start_at(stamp, pose, &covariance)),
+                };
+                self.pipeline.replace_by(next, change);
+                self.replay_start.cancel();
+                let degrees = pose.theta.to_degrees();
+                format!(
+                    "pose given: {:.2} m, {:.2} m, {degrees:.0}°",
+                    pose.x, pose.y
+                )
+            }
+            Err(error) => format!("the given pose is not used: {error:#}"),
+        };
+        status.report_settings(&text);
         self.write_note(&text);
     }
 

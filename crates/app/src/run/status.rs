@@ -11,6 +11,8 @@ use super::latency::{LatencyHistogram, LatencySummary};
 use super::log_rotation::LogSummary;
 use super::stderr_writer::StderrWriter;
 use crate::net::commands::CommandCounts;
+#[cfg(feature = "ros2")]
+use crate::ros2::Ros2Counts;
 use pipeline::Cycle;
 use pipeline::datagram::TeamClock;
 use pipeline::result_files::mode_name;
@@ -65,6 +67,9 @@ pub(crate) struct RunReport {
     pub commands: Option<CommandCounts>,
     /// Clocks of the team-mates, if there is a team.
     pub team: Option<Vec<TeamClock>>,
+    /// Counts of the node of ROS 2, if there is one.
+    #[cfg(feature = "ros2")]
+    pub ros2: Option<Ros2Counts>,
     /// State of every device.
     pub devices: Vec<HealthReport>,
     /// Every change of a device or the log, in order.
@@ -100,6 +105,9 @@ pub(crate) struct RunOutcome {
     pub commands: Option<CommandCounts>,
     /// Clocks of the team-mates, if there is a team.
     pub team: Option<Vec<TeamClock>>,
+    /// Counts of the node of ROS 2, if there is one.
+    #[cfg(feature = "ros2")]
+    pub ros2: Option<Ros2Counts>,
     /// State of every device.
     pub devices: Vec<HealthReport>,
     /// The log, if there was one.
@@ -326,6 +334,8 @@ impl RunStatus {
             wheels_stopped: outcome.wheels_stopped,
             commands: outcome.commands,
             team: outcome.team,
+            #[cfg(feature = "ros2")]
+            ros2: outcome.ros2,
             devices: outcome.devices,
             changes: self.changes,
             log: outcome.log,

@@ -139,6 +139,15 @@ impl TuningHandle {
         }
     }
 
+    /// The same without a key, for an interface that has its own rules who may change settings.
+    #[cfg(feature = "ros2")]
+    pub(crate) fn without_key(&self) -> Self {
+        TuningHandle {
+            key: None,
+            ..self.clone()
+        }
+    }
+
     /// Increases with every change and every rejection.
     pub(crate) fn revision(&self) -> u64 {
         lock(&self.shared).revision

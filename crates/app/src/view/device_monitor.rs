@@ -23,8 +23,9 @@ pub(crate) struct DeviceHealth {
     pub(crate) last: Option<Stamp>,
     /// Number of samples.
     pub(crate) samples: u64,
-    /// Longest time between two samples, seconds.
+    /// Longest time between two samples, seconds, and when it ended.
     pub(crate) longest_gap: f64,
+    pub(crate) longest_gap_end: Stamp,
     /// Bit-identical readings in a row.
     repeats: u32,
     reading: [u32; 6],
@@ -61,8 +62,9 @@ impl DeviceState {
 
 impl DeviceHealth {
     fn record(&mut self, stamp: Stamp, reading: [u32; 6]) {
-        if let Some(last) = self.last {
-            self.longest_gap = self.longest_gap.max(stamp - last);
+        if let Some(last) = self.last.filter(|last| stamp - *last > self.longest_gap) {
+            self.longest_gap = stamp - last;
+            self.longest_gap_end = stamp;
         }
         self.repeats = if self.samples > 0 && reading == self.reading {
             self.repeats + 1

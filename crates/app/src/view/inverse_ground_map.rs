@@ -23,12 +23,21 @@ pub(crate) struct InverseGroundMap {
 
 impl InverseGroundMap {
     /// Builds the table from every pixel of the map; empty cells take a neighbour's pixel along their ray.
+    ///
+    /// The rim of a mirror may show the same ground again, coarsely: the pixel that resolves a cell best stands for it.
     pub(crate) fn new(map: &GroundMap) -> Self {
         let mut start: Vec<Option<[u16; 2]>> = vec![None; BEARINGS * RANGES];
+        let mut finest = vec![f32::INFINITY; BEARINGS * RANGES];
         for row in 0..map.height_px {
             for column in 0..map.width_px {
-                if let Some(cell) = map.at(column, row).and_then(cell) {
+                let (Some(ground), Some(area)) =
+                    (map.at(column, row), pixel_area(map, column, row))
+                else {
+                    continue;
+                };
+                if let Some(cell) = cell(ground).filter(|&cell| area < finest[cell]) {
                     start[cell] = Some([column as u16, row as u16]);
+                    finest[cell] = area;
                 }
             }
         }
@@ -86,6 +95,20 @@ impl InverseGroundMap {
         let pixel_size = found.distance_to(adjacent).max(0.01);
         (found.distance_to(ground) < MAX_REPROJECTION_ERROR_PX * pixel_size).then_some(at)
     }
+}
+
+/// Ground that a pixel covers, square metres. `None` where a neighbour sees none.
+fn pixel_area(map: &GroundMap, column: usize, row: usize) -> Option<f32> {
+    let here = map.at(column, row)?;
+    let neighbour = |column: usize, row: usize| {
+        let inside = column < map.width_px && row < map.height_px;
+        inside.then(|| map.at(column, row)).flatten()
+    };
+    let across = neighbour(column + 1, row).or_else(|| neighbour(column.wrapping_sub(1), row))?;
+    let down = neighbour(column, row + 1).or_else(|| neighbour(column, row.wrapping_sub(1)))?;
+    let (xu, yu) = (across.x - here.x, across.y - here.y);
+    let (xv, yv) = (down.x - here.x, down.y - here.y);
+    Some((xu * yv - xv * yu).abs())
 }
 
 fn cell(ground: At<RobotFrame>) -> Option<usize> {

@@ -26,7 +26,7 @@ pub(crate) const BIRDS_EYE_SIDE_PX: usize = 600;
 /// Cell size of the distance field and the error landscape, metres.
 pub(crate) const HEATMAP_CELL: f32 = 0.1;
 /// Distance drawn darkest, metres: half the gap between the league's nearest parallel lines.
-const HEATMAP_MAX_DISTANCE: f32 = 0.75;
+pub(super) const HEATMAP_MAX_DISTANCE: f32 = 0.75;
 
 /// The layers to render.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -367,7 +367,7 @@ fn render_over_field(scene: &StaticScene, value: impl Fn(f32, f32) -> f32) -> Co
 }
 
 /// Colour map from bright yellow (0) over orange and purple to nearly black (1); its brightness is monotonic.
-fn apply_colormap(value: f32) -> Color32 {
+pub(super) fn apply_colormap(value: f32) -> Color32 {
     const STOPS: [[f32; 3]; 4] = [
         [252.0, 246.0, 170.0],
         [240.0, 140.0, 40.0],

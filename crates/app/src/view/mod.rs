@@ -44,10 +44,10 @@ pub(crate) use window::{AfterRun, run_with_window};
 /// Show a log, a simulation or a robot's live stream in a window.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example: mirrorball view game.mcap\n         mirrorball view config/scenarios/demo.toml\n         mirrorball view 192.168.1.11:8765\n\nPress `?` in the window for its shortcuts."
+    after_help = "Example: mirrorball view game.mcap\n         mirrorball view samples/sequence\n         mirrorball view config/scenarios/demo.toml\n         mirrorball view 192.168.1.11:8765\n\nPress `?` in the window for its shortcuts."
 )]
 pub(crate) struct Args {
-    /// A log (.mcap), a scenario (.toml), or host:port of a robot's live stream.
+    /// A log (.mcap), a recording folder, a scenario (.toml), or host:port of a robot's live stream.
     source: Option<PathBuf>,
     /// Time to show first, seconds.
     #[arg(long, value_name = "SECONDS")]

@@ -355,3 +355,51 @@ fn simulation_worker_applies_a_kidnap() {
         std::thread::sleep(Duration::from_millis(5));
     }
 }
+
+#[test]
+fn quantity_is_found_by_typing_and_plotted() {
+    let mut harness = open_demo_log(PanelLayout::Watch);
+    harness.get_by_label("Add plot").click();
+    harness.run_steps(2);
+    harness.get_by_label("name of a quantity").focus();
+    harness.run_steps(1);
+    harness
+        .get_by_label("name of a quantity")
+        .type_text("markings seen");
+    harness.run_steps(2);
+    harness.get_by_label("markings seen (%)").click();
+    harness.run_steps(3);
+    let shown = |harness: &Harness<'_, View>| {
+        harness
+            .query_all_by(|node| {
+                node.label()
+                    .is_some_and(|label| label.starts_with("markings seen"))
+            })
+            .count()
+    };
+    assert!(shown(&harness) > 0, "a curve with its value");
+}
+
+#[test]
+fn gaps_of_devices_are_those_of_the_log_at_any_playback_speed() {
+    let mut harness = open_demo_log(PanelLayout::Health);
+    let session = &mut harness.state_mut().session;
+    // Each drawn frame skips several cycles of the log.
+    session.playback.playing = true;
+    session.set_speed(10.0);
+    for _ in 0..30 {
+        session.update(0.02);
+    }
+    let camera = &session.devices.devices[0];
+    assert!(camera.samples >= 29, "{}", camera.samples);
+    assert!(camera.longest_gap < 0.04, "{} s", camera.longest_gap);
+}
+
+#[test]
+fn recording_folder_opens_with_its_poses() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
+    let session = Session::open(&folder).expect("a session");
+    let now = session.shown.as_ref().expect("a cycle");
+    assert!(now.cycle.inputs.image.is_some() && now.cycle.estimate.pose.is_some());
+    assert!(session.title.starts_with("recording "));
+}

@@ -59,6 +59,19 @@ pub(crate) enum Quantity {
     AccelerationX,
     AccelerationY,
     YawRate,
+    PoseX,
+    PoseY,
+    PoseHeading,
+    Speed,
+    TurnRate,
+    OnMarkings,
+    MarkingsSeen,
+    Latency,
+    GyroBias,
+    MapDisplacement,
+    BallDistance,
+    RobotCount,
+    CompassHeading,
     CyclePeriod,
 }
 
@@ -91,6 +104,12 @@ impl TimeSeries {
     pub(crate) fn at(&self, time: f64) -> Option<&CycleMetrics> {
         let later = self.samples.partition_point(|sample| sample.time <= time);
         self.samples.get(later.checked_sub(1)?)
+    }
+
+    /// The first sample after a time.
+    pub(crate) fn after(&self, time: f64) -> Option<&CycleMetrics> {
+        let later = self.samples.partition_point(|sample| sample.time <= time);
+        self.samples.get(later)
     }
 
     /// Adds a sample; a time from the past restarts the series.
@@ -173,6 +192,11 @@ impl CycleMetrics {
             set(Quantity::StdHeading, std(2).to_degrees());
             set(Quantity::Residual, estimate.inlier_rms);
             set(Quantity::InlierShare, estimate.inlier_share);
+            set(Quantity::PoseX, pose.x);
+            set(Quantity::PoseY, pose.y);
+            set(Quantity::PoseHeading, pose.theta.to_degrees());
+            set(Quantity::OnMarkings, estimate.fit.on_markings);
+            set(Quantity::MarkingsSeen, estimate.fit.markings_seen);
             if let Some(truth) = truth {
                 set(
                     Quantity::PositionError,
@@ -182,8 +206,24 @@ impl CycleMetrics {
                 set(Quantity::HeadingError, heading_error.to_degrees());
             }
         }
+        if let Some(twist) = estimate.twist {
+            set(Quantity::Speed, twist.x.hypot(twist.y));
+            set(Quantity::TurnRate, twist.theta.to_degrees());
+        }
+        set(Quantity::Latency, estimate.latency * 1e3);
+        set(Quantity::GyroBias, estimate.gyro_bias.to_degrees());
+        if let Some(map) = &estimate.map_correction {
+            set(Quantity::MapDisplacement, map.displacement_at_3_m);
+        }
+        if let Some(compass) = cycle.inputs.compass.last() {
+            set(Quantity::CompassHeading, compass.heading.to_degrees());
+        }
         set(Quantity::LinePoints, cycle.line_points.len() as f32);
         if let Some(detections) = &cycle.detections {
+            set(Quantity::RobotCount, detections.robots.len() as f32);
+            if let Some(ball) = &detections.ball {
+                set(Quantity::BallDistance, ball.at.distance());
+            }
             set(
                 Quantity::RejectedCandidates,
                 detections.rejected_candidates.len() as f32,

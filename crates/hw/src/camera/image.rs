@@ -108,6 +108,16 @@ impl Deref for PooledBytes {
     }
 }
 
+impl From<Vec<u8>> for PooledBytes {
+    /// Bytes that belong to no pool.
+    fn from(bytes: Vec<u8>) -> Self {
+        PooledBytes {
+            bytes,
+            pool: Weak::new(),
+        }
+    }
+}
+
 impl PartialEq for PooledBytes {
     fn eq(&self, other: &Self) -> bool {
         self.bytes == other.bytes

@@ -57,11 +57,7 @@ pub struct EncodedImage {
 
 impl EncodedImage {
     /// Encodes an image. None if the mode stores no images.
-    pub(super) fn new(
-        source: &Image,
-        mode: ImageCompression,
-        jpeg_quality: u8,
-    ) -> Result<Option<Self>> {
+    pub fn new(source: &Image, mode: ImageCompression, jpeg_quality: u8) -> Result<Option<Self>> {
         let (width_px, height_px) = (source.width_px, source.height_px);
         let context = || format!("cannot encode an image of {width_px} × {height_px} pixels");
         let mut bytes = Vec::with_capacity(source.rgb.len());

@@ -242,7 +242,7 @@ impl Summary {
             );
         }
         println!(
-            "time a frame (median): vision {:.2} ms, localisation {:.3} ms",
+            "time a frame (median): vision {:.2} ms, localization {:.3} ms",
             self.see_ms, self.localize_ms
         );
     }

@@ -30,7 +30,7 @@ pub struct FusionExperiment {
     pub disturbances: Vec<Disturbance>,
     /// Estimators to score.
     pub estimators: Vec<Estimator>,
-    /// Settings of localisation; estimator and disturbance override some.
+    /// Settings of localization; estimator and disturbance override some.
     pub localize: LocalizeConfig,
 }
 

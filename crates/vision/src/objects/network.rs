@@ -10,7 +10,7 @@ use localize::math;
 
 use crate::objects::patch::{CHANNELS, COARSE_SAMPLES, SAMPLES, SIDE};
 
-/// Units of the coarse network, and inputs that it takes at a time.
+/// Units of the coarse network, and inputs that a dense layer takes at a time.
 const COARSE_UNITS: usize = 8;
 const LANES: usize = 4;
 /// Channels of the first and second convolution, units of the dense layer.
@@ -84,6 +84,30 @@ fn rectify<const N: usize>(values: [f32; N]) -> [f32; N] {
     values.map(|value| value.max(0.0))
 }
 
+/// Inputs, a multiple of [`LANES`], times a layer's weights, plus its bias.
+///
+/// Four sums at a time: additions to one sum wait for each other.
+#[inline(always)]
+fn dense_layer<const UNITS: usize>(
+    inputs: &[f32],
+    weights: &[[f32; UNITS]],
+    bias: [f32; UNITS],
+) -> [f32; UNITS] {
+    let mut lanes = [[0.0; UNITS]; LANES];
+    let (inputs, _) = inputs.as_chunks::<LANES>();
+    let (rows, _) = weights.as_chunks::<LANES>();
+    for (inputs, rows) in inputs.iter().zip(rows) {
+        for ((sums, &input), weights) in lanes.iter_mut().zip(inputs).zip(rows) {
+            accumulate(sums, input, weights);
+        }
+    }
+    let mut sums = bias;
+    for lane in &lanes {
+        accumulate(&mut sums, 1.0, lane);
+    }
+    sums
+}
+
 /// One hidden layer over a coarse patch.
 pub(crate) struct CoarseNetwork {
     hidden: Vec<[f32; COARSE_UNITS]>,
@@ -104,19 +128,7 @@ impl CoarseNetwork {
 
     /// Log odds of the object.
     pub(crate) fn log_odds(&self, patch: &[f32; CHANNELS * COARSE_SAMPLES]) -> f32 {
-        // Four sums at a time: additions to one sum wait for each other.
-        let mut sums = [[0.0; COARSE_UNITS]; LANES];
-        let (inputs, _) = patch.as_chunks::<LANES>();
-        let (rows, _) = self.hidden.as_chunks::<LANES>();
-        for (inputs, rows) in inputs.iter().zip(rows) {
-            for ((sums, &input), weights) in sums.iter_mut().zip(inputs).zip(rows) {
-                accumulate(sums, input, weights);
-            }
-        }
-        let mut hidden = self.hidden_bias;
-        for sums in &sums {
-            accumulate(&mut hidden, 1.0, sums);
-        }
+        let hidden = dense_layer(patch, &self.hidden, self.hidden_bias);
         let products = rectify(hidden).into_iter().zip(self.output);
         products.fold(self.output_bias, |sum, (value, weight)| {
             sum + value * weight
@@ -154,18 +166,7 @@ impl<const OUT: usize> PatchNetwork<OUT> {
     pub(crate) fn evaluate(&self, patch: &[f32; CHANNELS * SAMPLES]) -> [f32; OUT] {
         let first = self.convolve_first(patch);
         let flat = self.convolve_second(&first);
-        let mut dense = [[0.0; DENSE]; LANES];
-        let (inputs, _) = flat.as_flattened().as_chunks::<LANES>();
-        let (rows, _) = self.dense.as_chunks::<LANES>();
-        for (inputs, rows) in inputs.iter().zip(rows) {
-            for ((sums, &input), weights) in dense.iter_mut().zip(inputs).zip(rows) {
-                accumulate(sums, input, weights);
-            }
-        }
-        let mut sums = self.dense_bias;
-        for dense in &dense {
-            accumulate(&mut sums, 1.0, dense);
-        }
+        let sums = dense_layer(flat.as_flattened(), &self.dense, self.dense_bias);
         let mut output = self.output_bias;
         for (input, weights) in rectify(sums).into_iter().zip(&self.output) {
             accumulate(&mut output, input, weights);

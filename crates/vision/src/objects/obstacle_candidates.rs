@@ -34,8 +34,8 @@ const BEYOND_LINE_STEP_MIN: f32 = 0.2;
 /// Step between two pixels below which a place is not looked at further.
 const PLAIN_STEP_MAX: f32 = 0.08;
 /// Candidates whose pixels the convolution network judges, and their least log odds by the coarse network.
-const CANDIDATES_MAX: usize = 40;
-const LOG_ODDS_MIN: f32 = -0.5;
+const CANDIDATES_MAX: usize = 56;
+const LOG_ODDS_MIN: f32 = -1.5;
 /// Candidates nearer than this are one: metres across, and across where they stand at one distance.
 const SEPARATION_IN_LINE: f32 = 0.18;
 const SEPARATION_ABREAST: f32 = 0.3;

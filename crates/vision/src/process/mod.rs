@@ -214,7 +214,7 @@ impl Vision {
         Ok(detections)
     }
 
-    /// As [`Vision::process`], but detects line points only, as localisation needs.
+    /// As [`Vision::process`], but detects line points only, as localization needs.
     pub fn process_lines(&mut self, image: &ImageView<'_>) -> Result<Detections, VisionError> {
         let ScannedImage {
             mut colour_model,

@@ -48,8 +48,7 @@ impl BenchFigure {
 
     /// Relative changes below this are noise.
     fn tolerance(&self) -> f64 {
-        let timed = self.unit == "ms" || self.unit.contains("real time");
-        if timed {
+        if self.is_timed() {
             TIME_TOLERANCE
         } else {
             VALUE_TOLERANCE
@@ -165,6 +164,7 @@ fn line(figure: &BenchFigure, has_baseline: bool, compared: &[FigureComparison])
     let BenchFigure {
         name,
         value,
+        p99,
         unit,
         wanted,
     } = figure;
@@ -174,6 +174,9 @@ fn line(figure: &BenchFigure, has_baseline: bool, compared: &[FigureComparison])
         ""
     };
     let mut line = format!("{name:<26} {value:>10.4} {unit:<16} wanted {wanted:<10}{missed:<7}");
+    if let Some(p99) = p99 {
+        line += &format!(" 99 % {p99:>8.4}");
+    }
     if has_baseline {
         let was = compared.iter().find(|pair| pair.name == *name);
         line += &was.map_or_else(
@@ -204,6 +207,7 @@ mod tests {
             .map(|&(name, value, unit, wanted)| BenchFigure {
                 name: name.to_owned(),
                 value,
+                p99: None,
                 unit: unit.to_owned(),
                 wanted: wanted.to_owned(),
             });

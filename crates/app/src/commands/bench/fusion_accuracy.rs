@@ -9,7 +9,7 @@ use localize::robot::RobotConfig;
 use localize::synthetic::team_ball::{TeamExperiment, evaluate_team_ball};
 use sim::fusion_experiment::{Disturbance, Estimator, FusionExperiment};
 
-use super::measure::BenchFigure;
+use super::measure::{BenchFigure, Figures};
 use crate::eval::vision;
 use pipeline::paths;
 
@@ -23,7 +23,7 @@ pub(super) const FUSION_NAMES: &[&str] = &[
 ];
 
 /// Drives with all disturbances, drives with late images, and a distant ball.
-pub(super) fn measure_fusion_and_team(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_fusion_and_team(figures: &mut Figures) -> Result<()> {
     let robot = RobotConfig::load(&paths::find_resource("config/robots/default.toml")?)?;
     let field = Field::load(&robot.field)?;
     let experiment = FusionExperiment {
@@ -73,7 +73,7 @@ pub(super) const VISION_NAMES: &[&str] = &[
 ];
 
 /// Detection rates on the sample recording.
-pub(super) fn measure_detection_rates(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_detection_rates(figures: &mut Figures) -> Result<()> {
     let shares = vision::detection_rates(&paths::find_resource("samples/sequence")?)?;
     let wanted = [">= 97", ">= 60", ">= 97", ">= 95"];
     for ((&name, value), wanted) in VISION_NAMES.iter().zip(shares).zip(wanted) {
@@ -91,7 +91,7 @@ pub(super) fn measure_detection_rates(figures: &mut Vec<BenchFigure>) -> Result<
 pub(super) const MIRRORS: &[&str] = &["mirror_report", "mirror_report_1000"];
 
 /// Times the whole command with Python's start: the minimum of five runs, and one run with 1000 imperfect mirrors.
-pub(super) fn measure_mirror_report(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_mirror_report(figures: &mut Figures) -> Result<()> {
     if !cfg!(feature = "python") {
         return Ok(());
     }

@@ -7,7 +7,7 @@ use localize::synthetic::evaluation::{
 };
 use localize::{Field, LocalizeConfig};
 
-use super::measure::BenchFigure;
+use super::measure::{BenchFigure, Figures};
 use pipeline::paths;
 
 /// Figures of `measure_tracking`.
@@ -42,7 +42,7 @@ fn larger_axis_cm([x, y, _]: [f32; 3]) -> f64 {
 }
 
 /// Drives on 18 × 12 m with the noise that published systems were measured with: 30 Hz, σ 3 to 5 cm, odometry biased by 3 %.
-pub(super) fn measure_tracking(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_tracking(figures: &mut Figures) -> Result<()> {
     let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
     let config = LocalizeConfig::default();
     let usual = SyntheticDriveConfig::default();
@@ -126,7 +126,7 @@ fn measure_occlusion(
     field: &Field,
     config: &LocalizeConfig,
     usual: &SyntheticDriveConfig,
-    figures: &mut Vec<BenchFigure>,
+    figures: &mut Figures,
 ) {
     let occluded = |occluded_share: f32| -> TrackingScore {
         let drive = SyntheticDriveConfig {
@@ -187,7 +187,7 @@ fn measure_global_search(
     field: &Field,
     config: &LocalizeConfig,
     usual: SyntheticDriveConfig,
-    figures: &mut Vec<BenchFigure>,
+    figures: &mut Figures,
 ) {
     let frames = 1000;
     let percent = |part: usize, total: usize| 100.0 * part as f64 / total as f64;

@@ -14,10 +14,9 @@ use localize::{DistanceField, Field, Localizer, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::measure::{BenchFigure, REPEATS, median_ms};
+use super::measure::{CallTimes, Figures, REPEATS};
 use pipeline::PipelineConfig;
 use pipeline::paths;
-use pipeline::score::sample_statistics;
 
 /// A synthetic drive with the data rate that published systems were measured with: 30 Hz, about 113 points within 5 m.
 fn drive_frames(field: &Field) -> Vec<SyntheticSample> {
@@ -34,12 +33,13 @@ fn drive_frames(field: &Field) -> Vec<SyntheticSample> {
 pub(super) const NAMES: &[&str] = &[
     "match_points",
     "track_frame",
+    "track_frame_p99",
     "exact_no_prior",
     "exact_compass",
 ];
 
 /// Times the matching, the tracking and the branch-and-bound search of the default preset.
-pub(super) fn measure_localization(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_localization(figures: &mut Figures) -> Result<()> {
     let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
     let frames = drive_frames(&field);
     let config = PipelineConfig::default().localize;
@@ -52,11 +52,10 @@ pub(super) fn measure_localization(figures: &mut Vec<BenchFigure>) -> Result<()>
         &frames[number]
     };
     let perturbed = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
-    let value = median_ms(3000, || {
+    figures.time_calls("match_points", "<= 0.08", 3000, || {
         let frame = next();
         black_box(matcher.refine(&distances, &frame.points, perturbed(frame.true_pose), 0.05));
     });
-    figures.push(BenchFigure::new("match_points", value, "ms", "<= 0.08"));
     let mut localizer = Localizer::new(&field, config);
     let mut times = Vec::new();
     for frame in &frames {
@@ -66,13 +65,15 @@ pub(super) fn measure_localization(figures: &mut Vec<BenchFigure>) -> Result<()>
         black_box(localizer.process_points(frame.stamp, &frame.points));
         times.push(started.elapsed().as_secs_f64() * 1e3);
     }
-    let value = sample_statistics(times).map_or(f64::NAN, |spread| spread.median);
-    figures.push(BenchFigure::new("track_frame", value, "ms", "<= 0.03"));
-    let value = median_ms(REPEATS, || {
+    figures.push_times(
+        "track_frame",
+        &CallTimes::of(times),
+        ["<= 0.025", "<= 0.06"],
+    );
+    figures.time_calls("exact_no_prior", "<= 3", REPEATS, || {
         black_box(search.find_hypotheses(&distances, &mut matcher, &next().points, None));
     });
-    figures.push(BenchFigure::new("exact_no_prior", value, "ms", "<= 3"));
-    let value = median_ms(REPEATS, || {
+    figures.time_calls("exact_compass", "<= 0.5", REPEATS, || {
         let frame = next();
         let prior = HeadingPrior {
             heading: frame.compass.heading,
@@ -80,7 +81,6 @@ pub(super) fn measure_localization(figures: &mut Vec<BenchFigure>) -> Result<()>
         };
         black_box(search.find_hypotheses(&distances, &mut matcher, &frame.points, Some(prior)));
     });
-    figures.push(BenchFigure::new("exact_compass", value, "ms", "<= 0.5"));
     Ok(())
 }
 
@@ -93,7 +93,7 @@ pub(super) const PAPERS: &[&str] = &[
 ];
 
 /// Times the global searches of the three papers.
-pub(super) fn measure_paper_methods(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_paper_methods(figures: &mut Figures) -> Result<()> {
     let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
     let frames = drive_frames(&field);
     let config = PipelineConfig::default().localize;
@@ -111,28 +111,24 @@ pub(super) fn measure_paper_methods(figures: &mut Vec<BenchFigure>) -> Result<()
         )
     };
     let mut hough = Hough::new(&field, config.global_search.hough.clone());
-    let value = median_ms(REPEATS, || {
+    figures.time_calls("hough", "<= 1", REPEATS, || {
         let (frame, prior) = next();
         black_box(hough.find_poses(&frame.points, Some(prior)));
     });
-    figures.push(BenchFigure::new("hough", value, "ms", "<= 1"));
     let map = ScanMap::new(&field, &distances, config.global_search.scan_map.clone());
-    let value = median_ms(REPEATS, || {
+    figures.time_calls("scan_map_global", "<= 2", REPEATS, || {
         let (frame, prior) = next();
         black_box(map.find_poses(&frame.points, prior.heading, 6, 0.4));
     });
-    figures.push(BenchFigure::new("scan_map_global", value, "ms", "<= 2"));
-    let value = median_ms(REPEATS, || {
+    figures.time_calls("scan_map_local", "<= 0.05", REPEATS, || {
         let (frame, _) = next();
         black_box(map.find_pose_near(&frame.points, frame.true_pose));
     });
-    figures.push(BenchFigure::new("scan_map_local", value, "ms", "<= 0.05"));
     let mut filter = MonteCarlo::new(&field, &distances, config.global_search.monte_carlo.clone());
-    let value = median_ms(REPEATS, || {
+    figures.time_calls("monte_carlo_cycle", "<= 0.3", REPEATS, || {
         let (frame, prior) = next();
         filter.reset();
         black_box(filter.update(&frame.points, Some(prior)));
     });
-    figures.push(BenchFigure::new("monte_carlo_cycle", value, "ms", "<= 0.3"));
     Ok(())
 }

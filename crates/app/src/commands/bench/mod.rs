@@ -1,5 +1,6 @@
 //! `mirrorball bench`: how fast and how accurate is it on this machine? Each stage's figures next to their bounds.
 
+mod against;
 mod baseline;
 mod fusion_accuracy;
 mod localization_accuracy;
@@ -8,13 +9,14 @@ mod measure;
 mod simulation_time;
 mod vision_time;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use serde::Serialize;
 
+use self::against::{PairedFigure, compare_against};
 use self::baseline::{Baseline, FigureComparison};
-use self::measure::BenchFigure;
+use self::measure::Figures;
 use crate::commands::arguments::UsageError;
 use crate::machine::machine;
 
@@ -23,7 +25,8 @@ use crate::machine::machine;
 /// Each figure is printed next to its bound. Leave the machine idle meanwhile.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example: mirrorball bench --save baseline.json, later: mirrorball bench --baseline baseline.json"
+    after_help = "Example: mirrorball bench --save baseline.json, later: mirrorball bench --baseline baseline.json\n\
+                  Example: mirrorball bench --only 480 --against old/mirrorball"
 )]
 pub(crate) struct Args {
     /// Measure only the figures whose name contains this.
@@ -35,6 +38,10 @@ pub(crate) struct Args {
     /// Compare with the figures of a file that --save wrote.
     #[arg(long, value_name = "FILE.json")]
     baseline: Option<PathBuf>,
+    /// Compare with another executable: both measure each timed figure five times in alternation, so that a busy machine
+    /// still gives ratios.
+    #[arg(long, value_name = "EXE", conflicts_with_all = ["save", "baseline"])]
+    against: Option<PathBuf>,
 }
 
 /// What `--json` prints.
@@ -51,56 +58,79 @@ struct Outcome {
     gone: Vec<String>,
 }
 
+/// What `--against --json` prints.
+#[derive(Serialize)]
+struct PairedOutcome {
+    machine: String,
+    paired: Vec<PairedFigure>,
+}
+
+type Bench = fn(&mut Figures) -> Result<()>;
+
+/// Every measurement, with the names of its figures.
+const BENCHES: [(&[&str], Bench); 10] = [
+    (vision_time::NAMES, vision_time::measure_vision),
+    (vision_time::LARGE_NAMES, vision_time::measure_vision_large),
+    (
+        localization_time::NAMES,
+        localization_time::measure_localization,
+    ),
+    (
+        localization_time::PAPERS,
+        localization_time::measure_paper_methods,
+    ),
+    (
+        localization_accuracy::DRIVES,
+        localization_accuracy::measure_tracking,
+    ),
+    (
+        fusion_accuracy::FUSION_NAMES,
+        fusion_accuracy::measure_fusion_and_team,
+    ),
+    (
+        fusion_accuracy::VISION_NAMES,
+        fusion_accuracy::measure_detection_rates,
+    ),
+    (
+        simulation_time::RENDERING_NAMES,
+        simulation_time::measure_rendering,
+    ),
+    (
+        simulation_time::SIMULATION_NAMES,
+        simulation_time::measure_simulation,
+    ),
+    (
+        fusion_accuracy::MIRRORS,
+        fusion_accuracy::measure_mirror_report,
+    ),
+];
+
+/// Those whose figures are times.
+const TIMED: [&[&str]; 6] = [
+    vision_time::NAMES,
+    vision_time::LARGE_NAMES,
+    localization_time::NAMES,
+    localization_time::PAPERS,
+    simulation_time::RENDERING_NAMES,
+    simulation_time::SIMULATION_NAMES,
+];
+
 /// Runs the command.
 pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
-    let mut figures = Vec::new();
+    if let Some(other) = &args.against {
+        return run_against(other, &args.only, json);
+    }
     // A bad file must show before minutes of measuring.
     let earlier = args.baseline.as_deref().map(Baseline::load).transpose()?;
-    type Bench = fn(&mut Vec<BenchFigure>) -> Result<()>;
-    let benches: [(&[&str], Bench); 10] = [
-        (vision_time::NAMES, vision_time::measure_vision),
-        (vision_time::LARGE_NAMES, vision_time::measure_vision_large),
-        (
-            localization_time::NAMES,
-            localization_time::measure_localization,
-        ),
-        (
-            localization_time::PAPERS,
-            localization_time::measure_paper_methods,
-        ),
-        (
-            localization_accuracy::DRIVES,
-            localization_accuracy::measure_tracking,
-        ),
-        (
-            fusion_accuracy::FUSION_NAMES,
-            fusion_accuracy::measure_fusion_and_team,
-        ),
-        (
-            fusion_accuracy::VISION_NAMES,
-            fusion_accuracy::measure_detection_rates,
-        ),
-        (
-            simulation_time::RENDERING_NAMES,
-            simulation_time::measure_rendering,
-        ),
-        (
-            simulation_time::SIMULATION_NAMES,
-            simulation_time::measure_simulation,
-        ),
-        (
-            fusion_accuracy::MIRRORS,
-            fusion_accuracy::measure_mirror_report,
-        ),
-    ];
-    for (names, bench) in benches {
-        if names.iter().any(|name| name.contains(&args.only)) {
+    let mut figures = Figures::only(&args.only);
+    for (names, bench) in BENCHES {
+        if names.iter().any(|name| figures.wants(name)) {
             bench(&mut figures)?;
         }
     }
-    figures.retain(|figure| figure.name.contains(&args.only));
+    let figures = figures.measured;
     if figures.is_empty() {
-        return Err(UsageError(format!("no figure's name contains {:?}", args.only)).into());
+        return Err(unknown_figure(&args.only));
     }
     let mut outcome = Outcome {
         run: Baseline {
@@ -134,4 +164,32 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         println!("saved to {}", path.display());
     }
     Ok(())
+}
+
+fn run_against(other: &Path, only: &str, json: bool) -> Result<()> {
+    let names: Vec<&str> = TIMED.concat();
+    let names: Vec<&str> = names
+        .into_iter()
+        .filter(|name| name.contains(only))
+        .collect();
+    if names.is_empty() {
+        return Err(unknown_figure(only));
+    }
+    let paired = compare_against(other, &names, |figure| {
+        if !json {
+            println!("{}", figure.line());
+        }
+    })?;
+    if json {
+        let machine = machine();
+        println!(
+            "{}",
+            serde_json::to_string(&PairedOutcome { machine, paired })?
+        );
+    }
+    Ok(())
+}
+
+fn unknown_figure(only: &str) -> anyhow::Error {
+    UsageError(format!("no figure's name contains {only:?}")).into()
 }

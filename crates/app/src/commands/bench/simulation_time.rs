@@ -14,7 +14,7 @@ use sim::render::{CameraMotion, Renderer, RendererConfig, Scene, SceneBall};
 use sim::world::RobotState;
 use vision::Profile;
 
-use super::measure::{BenchFigure, REPEATS, median_ms};
+use super::measure::{BenchFigure, Figures, REPEATS};
 use pipeline::paths;
 use pipeline::sample::Sample;
 use pipeline::setup::Setup;
@@ -129,26 +129,20 @@ impl DemoScene {
 }
 
 /// Times one image of the scene.
-pub(super) fn measure_rendering(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_rendering(figures: &mut Figures) -> Result<()> {
     let demo = DemoScene::load(480)?;
     let mut renderer = demo.renderer()?;
     let (mut heading, mut rgb) = (0.0f32, Vec::new());
-    let value = median_ms(REPEATS, || {
+    figures.time_calls("render_480_nine_robots", "<= 2", REPEATS, || {
         heading += 0.1;
         demo.render(&mut renderer, heading, &mut rgb);
         black_box(&rgb);
     });
-    figures.push(BenchFigure::new(
-        "render_480_nine_robots",
-        value,
-        "ms",
-        "<= 4",
-    ));
     Ok(())
 }
 
 /// Times the demo on one core, and a full game as `sim` runs it: the simulator prefetches in its own thread.
-pub(super) fn measure_simulation(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_simulation(figures: &mut Figures) -> Result<()> {
     let load = |name| Simulation::load(&paths::find_resource(name)?, None, Some(f64::MAX));
     let demo = load("config/scenarios/demo.toml")?;
     let mut setup = demo.setup()?;
@@ -158,7 +152,7 @@ pub(super) fn measure_simulation(figures: &mut Vec<BenchFigure>) -> Result<()> {
         "simulation_30_hz",
         real_time_factor(demo, &setup)?,
         "x real time",
-        ">= 8",
+        ">= 15",
     ));
     let game = load("config/scenarios/game_18x12.toml")?;
     let mut setup = game.setup()?;

@@ -7,11 +7,10 @@ use anyhow::{Context, Result};
 use vision::image::{Image, ImageView, PixelFormat};
 use vision::{Mount, Profile, Vision, optics};
 
-use super::measure::{BenchFigure, REPEATS, median_ms};
+use super::measure::{CallTimes, Figures, REPEATS};
 use super::simulation_time::DemoScene;
 use pipeline::paths;
 use pipeline::sample::Sample;
-use pipeline::score::sample_statistics;
 use pipeline::setup::Setup;
 use pipeline::{Pipeline, PipelineConfig};
 
@@ -21,10 +20,11 @@ pub(super) const NAMES: &[&str] = &[
     "see_all_480",
     "see_new_light_480",
     "image_to_pose_480",
+    "image_to_pose_480_p99",
 ];
 
 /// Times line points, all features, colour learning, and image to pose, over the images of a drive.
-pub(super) fn measure_vision(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_vision(figures: &mut Figures) -> Result<()> {
     let folder = paths::find_resource("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let (camera, map) = setup
@@ -49,25 +49,19 @@ pub(super) fn measure_vision(figures: &mut Vec<BenchFigure>) -> Result<()> {
         number = (number + 1) % images.len();
         images[number].view()
     };
-    let see_lines = median_ms(REPEATS, || drop(black_box(vision.process_lines(&next()))));
-    let see_all = median_ms(REPEATS, || drop(black_box(vision.process(&next()))));
-    let see_new_light = median_ms(30, || {
+    figures.time_calls("see_lines_480", "<= 0.15", REPEATS, || {
+        drop(black_box(vision.process_lines(&next())))
+    });
+    figures.time_calls("see_all_480", "<= 0.35", REPEATS, || {
+        drop(black_box(vision.process(&next())))
+    });
+    figures.time_calls("see_new_light_480", "-", 30, || {
         vision.reset_colour_model();
         drop(black_box(vision.process(&next())));
     });
-    figures.push(BenchFigure::new(
-        "see_lines_480",
-        see_lines,
-        "ms",
-        "<= 0.15",
-    ));
-    figures.push(BenchFigure::new("see_all_480", see_all, "ms", "<= 0.5"));
-    figures.push(BenchFigure::new(
-        "see_new_light_480",
-        see_new_light,
-        "ms",
-        "-",
-    ));
+    if !figures.wants("image_to_pose_480_p99") {
+        return Ok(());
+    }
     let recording =
         pipeline::recording::Recording::open(&folder, crate::commands::locate::EXTERNAL_POINT_STD)?;
     let samples: Vec<Sample> = recording.collect();
@@ -89,8 +83,8 @@ pub(super) fn measure_vision(figures: &mut Vec<BenchFigure>) -> Result<()> {
             }
         }
     }
-    let value = sample_statistics(image_to_pose).map_or(f64::NAN, |spread| spread.median);
-    figures.push(BenchFigure::new("image_to_pose_480", value, "ms", "<= 1"));
+    let times = CallTimes::of(image_to_pose);
+    figures.push_times("image_to_pose_480", &times, ["<= 0.45", "<= 0.9"]);
     Ok(())
 }
 
@@ -98,7 +92,7 @@ pub(super) fn measure_vision(figures: &mut Vec<BenchFigure>) -> Result<()> {
 pub(super) const LARGE_NAMES: &[&str] = &["see_lines_1024", "see_all_1024"];
 
 /// The same features in an image of 1024 × 1024: the demo's robot among nine others.
-pub(super) fn measure_vision_large(figures: &mut Vec<BenchFigure>) -> Result<()> {
+pub(super) fn measure_vision_large(figures: &mut Figures) -> Result<()> {
     const SIDE_PX: usize = 1024;
     let demo = DemoScene::load(SIDE_PX)?;
     let profile = Profile::load(&demo.mirror)?;
@@ -121,9 +115,11 @@ pub(super) fn measure_vision_large(figures: &mut Vec<BenchFigure>) -> Result<()>
         number = (number + 1) % images.len();
         ImageView::packed(SIDE_PX, SIDE_PX, PixelFormat::Rgb8, &images[number])
     };
-    let see_lines = median_ms(REPEATS, || drop(black_box(vision.process_lines(&next()))));
-    let see_all = median_ms(REPEATS, || drop(black_box(vision.process(&next()))));
-    figures.push(BenchFigure::new("see_lines_1024", see_lines, "ms", "-"));
-    figures.push(BenchFigure::new("see_all_1024", see_all, "ms", "<= 1.2"));
+    figures.time_calls("see_lines_1024", "-", REPEATS, || {
+        drop(black_box(vision.process_lines(&next())))
+    });
+    figures.time_calls("see_all_1024", "<= 0.8", REPEATS, || {
+        drop(black_box(vision.process(&next())))
+    });
     Ok(())
 }

@@ -9,6 +9,8 @@ use vision::calibrate::{ImageResidual, Strip, calibrate_strip, fit_mount};
 use vision::image::Image;
 use vision::{GroundMap, Mount, Profile, overlay};
 
+use crate::pictures::text;
+
 use super::images::{SkippedImage, load_strip_images};
 
 /// Ground map from images of the robot turning next to a radial strip of black and white bars.
@@ -172,5 +174,39 @@ pub(super) fn save(
             }
         }
     }
+    label_rings(&mut image, map);
     Ok(image.save(path)?)
+}
+
+/// Writes each ring's distance at its left front, where the map shows it; a label that would cover another is left out.
+fn label_rings(image: &mut Image, map: &GroundMap) {
+    let mut last: Option<[i64; 2]> = None;
+    for ring in RINGS {
+        let apart = |u: usize, v: usize| {
+            let at = map.at(u, v)?;
+            let beside = ring * std::f32::consts::FRAC_1_SQRT_2;
+            Some((at.x - beside).hypot(at.y - beside))
+        };
+        let pixels = (0..map.height_px).flat_map(|v| (0..map.width_px).map(move |u| (u, v)));
+        let nearest = pixels
+            .filter_map(|(u, v)| Some((apart(u, v)?, [u as i64, v as i64])))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((off, [u, v])) = nearest else {
+            continue;
+        };
+        let covers = last.is_some_and(|[_, other]| (other - v).abs() < text::LETTER_HEIGHT_PX);
+        if off > 0.1 * ring || covers {
+            continue;
+        }
+        let label = format!("{ring} m");
+        let left = u - text::LETTER_WIDTH_PX * label.len() as i64 / 2;
+        let top = v - text::LETTER_HEIGHT_PX / 2;
+        for row in top..top + text::LETTER_HEIGHT_PX {
+            for column in left..2 * u - left {
+                overlay::draw_pixel(image, column, row, [0; 3]);
+            }
+        }
+        text::draw_text(image, [left, top], &label, [255; 3]);
+        last = Some([u, v]);
+    }
 }

@@ -8,6 +8,8 @@ use vision::calibrate::{SizeCalibration, calibrate_sizes};
 use vision::image::Image;
 use vision::overlay::{self, Rgb};
 
+use crate::pictures::text::{LETTER_HEIGHT_PX, draw_text};
+
 use super::images::{SkippedImage, load_drive_images};
 use pipeline::PipelineConfig;
 use pipeline::csv_table::CsvWriter;
@@ -30,7 +32,7 @@ pub(super) struct SizesArgs {
     /// File for the table.
     #[arg(long, value_name = "FILE.csv")]
     out: PathBuf,
-    /// Also draw it: measured as crosses, predicted as curves; white for lines, orange for the ball; a grid of 1 m, 5 px.
+    /// Also draw it: measured as crosses, predicted as curves; white for lines, orange for the ball.
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
 }
@@ -126,12 +128,17 @@ fn write(calibration: &SizeCalibration, path: &Path) -> Result<()> {
 }
 
 const SCALE: [f32; 2] = [80.0, 14.0];
-const MARGIN: f32 = 20.0;
+/// Around the axes, with room for numbers and labels, pixels: left and below, right and above.
+const MARGIN: [f32; 2] = [60.0, 44.0];
+const FREE: [f32; 2] = [20.0, 50.0];
+/// The legend needs this width, pixels.
+const LEGEND_WIDTH_PX: f32 = 380.0;
+const TEXT: Rgb = [200, 200, 200];
 const GRID: Rgb = [70, 70, 70];
 const LINE: Rgb = [240, 240, 240];
 const BALL: Rgb = [255, 140, 0];
 
-/// Sizes over distance: the grid is 1 m and 5 px.
+/// Sizes over distance with axes and legend.
 fn chart(calibration: &SizeCalibration) -> Image {
     let sizes = calibration.rows.iter().flat_map(|row| {
         [
@@ -144,16 +151,20 @@ fn chart(calibration: &SizeCalibration) -> Image {
     let size_max = sizes.flatten().fold(10.0, f32::max).min(60.0) + 2.0;
     let distance_max = calibration.rows.last().map_or(1.0, |row| row.distance) + 0.5;
     let [width, height] = [
-        distance_max * SCALE[0] + 2.0 * MARGIN,
-        size_max * SCALE[1] + 2.0 * MARGIN,
+        (distance_max * SCALE[0]).max(LEGEND_WIDTH_PX) + MARGIN[0] + FREE[0],
+        size_max * SCALE[1] + MARGIN[1] + FREE[1],
     ];
     let mut image = Image {
         width_px: width as usize,
         height_px: height as usize,
         rgb: vec![30; 3 * width as usize * height as usize],
     };
-    let place =
-        |metres: f32, px: f32| [MARGIN + metres * SCALE[0], height - MARGIN - px * SCALE[1]];
+    let place = |metres: f32, px: f32| {
+        [
+            MARGIN[0] + metres * SCALE[0],
+            height - MARGIN[1] - px * SCALE[1],
+        ]
+    };
     for metres in 0..=distance_max as usize {
         stroke(
             &mut image,
@@ -161,6 +172,8 @@ fn chart(calibration: &SizeCalibration) -> Image {
             place(metres as f32, size_max),
             GRID,
         );
+        let [u, v] = place(metres as f32, 0.0).map(|at| at as i64);
+        draw_text(&mut image, [u - 4, v + 6], &metres.to_string(), TEXT);
     }
     for px in (0..=size_max as usize).step_by(5) {
         stroke(
@@ -169,7 +182,13 @@ fn chart(calibration: &SizeCalibration) -> Image {
             place(distance_max, px as f32),
             GRID,
         );
+        let [u, v] = place(0.0, px as f32).map(|at| at as i64);
+        draw_text(&mut image, [u - 26, v - 8], &format!("{px:>2}"), TEXT);
     }
+    let [left, bottom] = place(0.0, 0.0).map(|at| at as i64);
+    draw_text(&mut image, [left, bottom + 24], "distance / m", TEXT);
+    draw_text(&mut image, [4, 6], "px", TEXT);
+    legend(&mut image, left);
     type Size = fn(&vision::calibrate::SizeBin) -> Option<f32>;
     let curves: [(Rgb, Size, Size); 2] = [
         (LINE, |row| row.line_px, |row| row.line_px_by_map),
@@ -189,6 +208,24 @@ fn chart(calibration: &SizeCalibration) -> Image {
         }
     }
     image
+}
+
+/// What the colours mean: crosses are measured, curves are those of the map.
+fn legend(image: &mut Image, left: i64) {
+    for (row, colour, name) in [(0, LINE, "lines"), (1, BALL, "ball")] {
+        let top = 6 + 18 * row;
+        let middle = (top + LETTER_HEIGHT_PX / 2) as f32;
+        overlay::draw_cross(image, [left as f32 + 10.0, middle], 5, colour);
+        draw_text(image, [left + 24, top], &format!("{name} measured"), colour);
+        let curve = left as f32 + 180.0;
+        stroke(image, [curve, middle], [curve + 24.0, middle], colour);
+        draw_text(
+            image,
+            [left + 212, top],
+            &format!("{name} by the map"),
+            colour,
+        );
+    }
 }
 
 fn stroke(image: &mut Image, from: [f32; 2], to: [f32; 2], colour: Rgb) {

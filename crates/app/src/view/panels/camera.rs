@@ -1,5 +1,6 @@
 //! Camera panel: the image, or the bird's-eye view, with detections, rejected candidates and pixel layers.
 
+use std::cell::RefCell;
 use std::sync::Arc;
 
 use eframe::egui::{
@@ -105,7 +106,8 @@ impl CameraPanel {
                 return;
             }
         };
-        let line = ui.text_style_height(&egui::TextStyle::Body) + 6.0;
+        // The readout of a pixel may take a second line.
+        let line = 2.0 * ui.text_style_height(&egui::TextStyle::Body) + 6.0;
         let area = Vec2::new(
             ui.available_width().max(1.0),
             (ui.available_height() - line).max(1.0),
@@ -122,12 +124,15 @@ impl CameraPanel {
         fill_around(&painter, response.rect, covered, Color32::BLACK);
         self.draw_layers(ui, &painter, session, cycle, (&transform, size));
         if let Some(scene) = &session.scene {
+            let visible = response.rect.intersect(transform.screen_rect(size));
+            let clipped = painter.with_clip_rect(visible);
             let canvas = CameraCanvas {
-                painter: &painter,
+                painter: if self.birds_eye { &clipped } else { &painter },
                 transform,
                 scene,
                 cycle,
                 layers: &self.layers,
+                label_rects: RefCell::default(),
                 virtual_sensors: session
                     .rendered_layers
                     .virtual_sensors
@@ -165,7 +170,7 @@ impl CameraPanel {
             } else {
                 PixelInfo::of_image(session, image.as_deref(), at.x, at.y)
             };
-            ui.label(RichText::new(info.text()).monospace());
+            ui.add(egui::Label::new(RichText::new(info.text()).small()).wrap());
         } else {
             ui.weak(
                 "Point at a pixel to inspect it. Scroll zooms, drag pans, double-click resets.",

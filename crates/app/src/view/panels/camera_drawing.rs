@@ -1,8 +1,9 @@
 //! Vector marks over the camera image and the bird's-eye view: points, objects and projected lines.
 
+use std::cell::RefCell;
 use std::f32::consts::TAU;
 
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Shape, Stroke, Ui, Vec2};
+use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Ui, Vec2};
 use localize::At;
 use localize::frames::RobotFrame;
 use localize::world::TeamColour;
@@ -21,6 +22,8 @@ use pipeline::Cycle;
 const RINGS: [f32; 7] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0];
 /// Segments of a ring.
 const RING_STEPS: usize = 96;
+/// Places that a label tries on either side.
+const LABEL_SHIFTS: i8 = 5;
 /// Bearing rays of the ground grid.
 const RAYS: usize = 12;
 
@@ -31,6 +34,8 @@ pub(crate) struct CameraCanvas<'a> {
     pub(crate) scene: &'a StaticScene,
     pub(crate) cycle: &'a Cycle,
     pub(crate) layers: &'a CameraLayers,
+    /// Where labels were drawn: another one moves aside.
+    pub(crate) label_rects: RefCell<Vec<Rect>>,
     /// Names and windows of the virtual sensors.
     pub(crate) virtual_sensors: &'a [(&'static str, ImageRect)],
 }
@@ -67,7 +72,16 @@ impl CameraCanvas<'_> {
         let font = FontId::proportional(12.0);
         let place = at + Vec2::new(0.0, -10.0);
         let galley = self.painter.layout_no_wrap(text, font, colour);
-        let rect = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
+        let wanted = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
+        let mut drawn = self.label_rects.borrow_mut();
+        let step = Vec2::new(0.0, wanted.height() + 3.0);
+        // Above its place if that is free, else below, else farther away.
+        let shifts = (0..LABEL_SHIFTS).flat_map(|times| [-times, times + 1]);
+        let rect = shifts
+            .map(|times| wanted.translate(f32::from(times) * step))
+            .find(|rect| !drawn.iter().any(|other| other.intersects(*rect)))
+            .unwrap_or(wanted);
+        drawn.push(rect);
         self.painter
             .rect_filled(rect.expand(1.0), 2.0, Color32::from_black_alpha(150));
         self.painter.galley(rect.min, galley, colour);
@@ -193,6 +207,8 @@ pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
             canvas
                 .painter
                 .circle_stroke(to_screen(At::new(0.0, 0.0)), ring * scale, stroke);
+            let at = to_screen(At::new(ring, 0.0));
+            canvas.label(at, format!("{ring:.0} m"), palette::PROJECTED_LINE);
         }
     }
     if let (true, Some(pose)) = (layers.field_lines, canvas.cycle.estimate.pose) {

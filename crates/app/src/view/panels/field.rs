@@ -128,9 +128,16 @@ impl FieldPanel {
         drawing::draw_field(&painter, &screen, &scene.field, !has_layer);
         self.draw_trails(&painter, &screen, session);
         if let Some(now) = &session.shown {
-            self.draw_estimate(&painter, &screen, &now.cycle, &now.particles);
-            self.draw_objects(&painter, &screen, &now.cycle);
-            self.draw_tracks(&painter, &screen, &now.cycle);
+            // The landscape may be of an earlier cycle: what lies on it must be of the same one.
+            let rendered = session.rendered_layers.cycle.as_ref();
+            let landscape = has_layer && self.layers.background == FieldBackground::ErrorLandscape;
+            let cycle = rendered.filter(|_| landscape).unwrap_or(&now.cycle);
+            self.draw_estimate(&painter, &screen, cycle, &now.particles);
+            self.draw_objects(&painter, &screen, cycle);
+            self.draw_tracks(&painter, &screen, cycle);
+        }
+        if has_layer {
+            drawing::draw_distance_scale(&painter, response.rect);
         }
         self.draw_measurement(&painter, &screen);
         painter.text(

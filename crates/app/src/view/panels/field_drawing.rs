@@ -8,6 +8,7 @@ use localize::frames::FieldFrame;
 use localize::{At, Pose};
 use nalgebra::{Matrix2, Matrix3, SymmetricEigen};
 
+use crate::view::layer_worker::{HEATMAP_MAX_DISTANCE, apply_colormap};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
 
@@ -267,4 +268,33 @@ pub(crate) fn draw_text(painter: &Painter, at: Pos2, text: &str, colour: Color32
         FontId::proportional(12.0),
         colour,
     );
+}
+
+/// The colours of distance field and error landscape with their distances, in the lower right corner.
+pub(super) fn draw_distance_scale(painter: &Painter, area: Rect) {
+    const SIZE: Vec2 = Vec2::new(160.0, 10.0);
+    const STEPS: u8 = 40;
+    let bar = Rect::from_min_size(area.right_bottom() - SIZE - Vec2::new(16.0, 8.0), SIZE);
+    for step in 0..STEPS {
+        let [from, to] = [step, step + 1].map(|at| f32::from(at) / f32::from(STEPS));
+        let part = Rect::from_x_y_ranges(
+            bar.left() + from * SIZE.x..=bar.left() + to * SIZE.x,
+            bar.y_range(),
+        );
+        painter.rect_filled(part, 0.0, apply_colormap(from));
+    }
+    let far = format!("{HEATMAP_MAX_DISTANCE} m");
+    for (place, anchor, text) in [
+        (bar.left_top(), Align2::LEFT_BOTTOM, "0"),
+        (bar.center_top(), Align2::CENTER_BOTTOM, "distance"),
+        (bar.right_top(), Align2::RIGHT_BOTTOM, &*far),
+    ] {
+        painter.text(
+            place,
+            anchor,
+            text,
+            FontId::proportional(11.0),
+            Color32::WHITE,
+        );
+    }
 }

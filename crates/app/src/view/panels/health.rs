@@ -46,7 +46,11 @@ pub(crate) fn show(ui: &mut Ui, session: &mut Session) {
                         Some(age) => ui.monospace(format!("{:6.0} ms", 1e3 * age)),
                         None => ui.weak("-"),
                     };
-                    ui.monospace(format!("{:6.0} ms", 1e3 * device.longest_gap));
+                    ui.monospace(format!("{:6.0} ms", 1e3 * device.longest_gap))
+                        .on_hover_text(format!(
+                            "ended at {:.3} s",
+                            device.longest_gap_end.seconds()
+                        ));
                     ui.monospace(device.samples.to_string());
                     match &device.last_fault {
                         Some(fault) => {
@@ -59,12 +63,16 @@ pub(crate) fn show(ui: &mut Ui, session: &mut Session) {
                 }
             });
         ui.separator();
-        ui.label(format!(
-            "{} cycles received, {} dropped by the view (the robot does not wait for it)",
-            devices.cycles, devices.dropped
-        ));
         if log.is_some() {
-            ui.weak("Log: counts since the last seek, rates from the whole log.");
+            ui.label(format!(
+                "{} cycles of the log since two seconds before the last jump, drawn or not",
+                devices.cycles
+            ));
+        } else {
+            ui.label(format!(
+                "{} cycles received, {} dropped by the view (the robot does not wait for it)",
+                devices.cycles, devices.dropped
+            ));
         }
         let faulty = session.series.samples().iter().filter(|s| s.fault);
         let count = faulty.clone().count();

@@ -11,7 +11,7 @@ use crate::view::settings::{self, Setting};
 use crate::view::settings_state::SettingsState;
 
 /// Width of the name column, points.
-const NAME_WIDTH: f32 = 170.0;
+const NAME_WIDTH: f32 = 215.0;
 
 /// State of the panel.
 pub(crate) struct ParametersPanel {
@@ -183,7 +183,7 @@ impl ParametersPanel {
                 if differs && ui.small_button("Default").clicked() {
                     changed = Some((setting.path.clone(), setting.default.clone()));
                 }
-                ui.add(egui::Label::new(RichText::new(&setting.help).weak()).truncate())
+                ui.add(egui::Label::new(RichText::new(&setting.help).weak().small()).wrap())
                     .on_hover_text(help);
             });
         }

@@ -152,6 +152,13 @@ fn bar(ui: &mut Ui, session: &mut Session) {
             palette::YELLOW,
         );
     }
+    if let Some(time) = session.hovered_time {
+        painter.vline(
+            place(time),
+            rect.y_range(),
+            Stroke::new(1.0, palette::YELLOW),
+        );
+    }
     let at = place(session.playback.time);
     let cursor = ui.visuals().strong_text_color();
     painter.vline(at, rect.y_range(), Stroke::new(2.0, cursor));

@@ -7,6 +7,7 @@ use anyhow::Result;
 use localize::Stamp;
 
 use super::decoded_cycle::DecodedCycle;
+use pipeline::Cycle;
 use pipeline::log::{LogIndex, LoggedCycle, UnpackedSetup};
 use pipeline::setup::Setup;
 
@@ -105,6 +106,23 @@ impl LogPlayer {
                 return self.decode_current();
             }
         }
+    }
+
+    /// Visits the cycles after `from`, up to and including `to`.
+    pub(crate) fn visit_cycles(
+        &mut self,
+        from: Stamp,
+        to: Stamp,
+        mut visit: impl FnMut(&Cycle),
+    ) -> Result<()> {
+        for part in self.index.chunk_at(from)..=self.index.chunk_at(to) {
+            for logged in &*self.chunk(part)? {
+                if logged.cycle.stamp > from && logged.cycle.stamp <= to {
+                    visit(&logged.cycle);
+                }
+            }
+        }
+        Ok(())
     }
 
     fn decode_current(&mut self) -> Result<Option<DecodedCycle>> {

@@ -6,6 +6,7 @@ pub(crate) mod live;
 pub(crate) mod log;
 pub(crate) mod metrics_reader;
 pub(crate) mod recompute;
+pub(crate) mod recording;
 pub(crate) mod remote;
 pub(crate) mod remote_settings;
 pub(crate) mod sim_worker;

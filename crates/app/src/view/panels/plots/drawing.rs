@@ -1,0 +1,380 @@
+//! How is one plot drawn, and what does the pointer ask for?
+
+use eframe::egui::{self, Color32, Ui, Vec2};
+use egui_plot::{Bar, BarChart, Line, LineStyle, Plot, PlotPoints, PlotUi, Points, Span, VLine};
+use localize::estimate::Mode;
+
+use super::catalogue::PlottedQuantity;
+use super::numbers::{self, robust_limits, thinned_curve};
+use super::{PLOT_HEIGHT_MIN, PlotConfig, PlotKind, short};
+use crate::view::palette;
+use crate::view::session::Session;
+use crate::view::time_series::TimeSeries;
+
+/// Width of the value axis, points: equal in all plots, so that equal times lie above one another.
+const VALUE_AXIS_WIDTH: f32 = 52.0;
+/// Scrolled points per zoom factor of e.
+const SCROLL_POINTS_PER_E_FOLD: f32 = 300.0;
+/// Shortest visible time, seconds.
+const RANGE_MIN: f64 = 0.05;
+/// Smallest value that a logarithmic axis shows.
+const LOGARITHM_MIN: f64 = 1e-6;
+
+/// What the user asks for with the pointer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Request {
+    /// Show the cycle of a time.
+    Seek(f64),
+    /// Show a time range.
+    Show((f64, f64)),
+    /// Show the range that the panel's buttons select.
+    ShowAll,
+    /// Measure times from here.
+    MeasureFrom(f64),
+}
+
+/// What all plots of the panel share.
+pub(super) struct PlotArea {
+    /// Visible time, seconds.
+    pub(super) range: (f64, f64),
+    /// Time of the whole run, seconds.
+    pub(super) span: (f64, f64),
+    pub(super) height: f32,
+    pub(super) measured_from: Option<f64>,
+    pub(super) request: Option<Request>,
+    /// Time under the pointer, seconds.
+    pub(super) hovered: Option<f64>,
+}
+
+type Curves<'a> = &'a [(&'static PlottedQuantity, Color32)];
+
+impl PlotArea {
+    /// Draws a plot and takes its input.
+    pub(super) fn draw(
+        &mut self,
+        ui: &mut Ui,
+        plot: &PlotConfig,
+        curves: Curves<'_>,
+        session: &Session,
+    ) {
+        match plot.kind {
+            PlotKind::Curve => self.draw_over_time(ui, plot.logarithmic, curves, session),
+            PlotKind::Against => self.draw_against(ui, curves, session),
+            PlotKind::Histogram => self.draw_histogram(ui, curves, session),
+            PlotKind::Spectrum => self.draw_spectrum(ui, plot.logarithmic, curves, session),
+            PlotKind::Numbers => self.draw_numbers(ui, curves, session),
+        }
+    }
+
+    /// Text of the measured time.
+    pub(super) fn measurement(&self, hovered: Option<f64>) -> Option<String> {
+        let (from, to) = self.measured_from.zip(hovered)?;
+        Some(format!("{:+.3} s", to - from))
+    }
+
+    fn plot<'a>(&self, name: &str) -> Plot<'a> {
+        Plot::new(name.to_owned())
+            .height(self.height)
+            .allow_zoom(false)
+            .allow_drag(false)
+            .allow_scroll(false)
+            .allow_boxed_zoom(false)
+            .allow_double_click_reset(false)
+            .y_axis_min_width(VALUE_AXIS_WIDTH)
+            // Low plots need denser ticks than the default.
+            .grid_spacing(14.0..=160.0)
+    }
+
+    fn draw_over_time(
+        &mut self,
+        ui: &mut Ui,
+        logarithmic: bool,
+        curves: Curves<'_>,
+        session: &Session,
+    ) {
+        let (from, to) = self.range;
+        // More points than screen columns would overlap.
+        let points_max =
+            (ui.available_width() * ui.pixels_per_point()).max(PLOT_HEIGHT_MIN) as usize;
+        let scaled = |value: f64| scale(value, logarithmic);
+        let of = |series: &TimeSeries, quantity: &PlottedQuantity| {
+            thinned_curve(
+                series,
+                self.range,
+                |sample| scaled(quantity.of(sample)),
+                points_max,
+            )
+        };
+        let recorded: Vec<_> = curves
+            .iter()
+            .map(|(one, _)| of(&session.series, one))
+            .collect();
+        let recomputed: Vec<_> = session.recompute.as_ref().map_or(Vec::new(), |recompute| {
+            curves
+                .iter()
+                .map(|(one, _)| of(&recompute.series, one))
+                .collect()
+        });
+        let values = recorded
+            .iter()
+            .chain(&recomputed)
+            .flatten()
+            .map(|point| point[1]);
+        let ([low, high], clipped) = robust_limits(values.collect()).unwrap_or(([0.0, 1.0], false));
+        let cursor = ui.visuals().strong_text_color();
+        let drawn = self
+            .plot("over time")
+            .y_axis_formatter(move |mark, _| axis_value(mark.value, logarithmic))
+            .show(ui, |plot| {
+                plot.set_plot_bounds_x(from..=to);
+                plot.set_plot_bounds_y(low..=high);
+                draw_modes(plot, &session.series, (from, to));
+                for ((one, colour), points) in curves.iter().zip(&recorded) {
+                    plot.line(line(one.name, points, *colour, 1.4));
+                }
+                for ((one, colour), points) in curves.iter().zip(&recomputed) {
+                    let line = line(&format!("{}, recomputed", one.name), points, *colour, 1.0);
+                    plot.line(line.style(LineStyle::dashed_loose()));
+                }
+                draw_time(plot, session.playback.time, cursor);
+                for time in [session.hovered_time, self.measured_from]
+                    .into_iter()
+                    .flatten()
+                {
+                    draw_time(plot, time, palette::YELLOW);
+                }
+                plot.pointer_coordinate().map(|point| point.x)
+            });
+        if clipped {
+            ui.painter().text(
+                drawn.response.rect.right_top() + Vec2::new(-4.0, 2.0),
+                egui::Align2::RIGHT_TOP,
+                "values outside",
+                egui::FontId::proportional(11.0),
+                palette::ORANGE,
+            );
+        }
+        self.take_input(ui, &drawn.response, drawn.inner);
+    }
+
+    /// Click, drag, wheel and double click over a plot over time. `at`: time under the pointer.
+    fn take_input(&mut self, ui: &Ui, response: &egui::Response, at: Option<f64>) {
+        let (from, to) = self.range;
+        if response.hovered() {
+            self.hovered = at.or(self.hovered);
+        }
+        let Some(time) = at else {
+            return;
+        };
+        let shifted = ui.input(|input| input.modifiers.shift);
+        if response.double_clicked() {
+            self.request = Some(Request::ShowAll);
+        } else if response.drag_started() && shifted {
+            self.request = Some(Request::MeasureFrom(time));
+        } else if response.dragged() && !shifted {
+            let seconds_per_point = (to - from) / f64::from(response.rect.width().max(1.0));
+            let moved = f64::from(response.drag_delta().x) * seconds_per_point;
+            if moved != 0.0 {
+                self.request = Some(Request::Show((from - moved, to - moved)));
+            }
+        } else if response.clicked() {
+            self.request = Some(Request::Seek(time));
+        }
+        let scrolled = ui.input(|input| input.smooth_scroll_delta().y);
+        if response.hovered() && scrolled != 0.0 {
+            let factor = f64::from((-scrolled / SCROLL_POINTS_PER_E_FOLD).exp());
+            let longest = 2.0 * (self.span.1 - self.span.0).max(RANGE_MIN);
+            let factor = factor.clamp(RANGE_MIN / (to - from), (longest / (to - from)).max(1.0));
+            self.request = Some(Request::Show((
+                time + (from - time) * factor,
+                time + (to - time) * factor,
+            )));
+        }
+    }
+
+    fn draw_against(&self, ui: &mut Ui, curves: Curves<'_>, session: &Session) {
+        let [(across, _), (up, colour), ..] = curves else {
+            ui.weak("Add a second quantity: it is drawn over the first one.");
+            return;
+        };
+        let samples = session.series.between(self.range.0, self.range.1);
+        let points: Vec<[f64; 2]> = samples
+            .iter()
+            .map(|sample| [across.of(sample), up.of(sample)])
+            .filter(|point| point.iter().all(|value| value.is_finite()))
+            .collect();
+        let now = session.series.at(session.playback.time);
+        let now = now.map(|sample| [across.of(sample), up.of(sample)]);
+        self.plot("against")
+            .x_axis_label(axis_title(across))
+            .y_axis_label(axis_title(up))
+            .show(ui, |plot| {
+                let dots = Points::new(up.name, PlotPoints::from(points)).radius(1.2);
+                plot.points(dots.color(*colour));
+                if let Some(now) = now {
+                    plot.points(
+                        Points::new("shown", PlotPoints::from(vec![now]))
+                            .radius(4.0)
+                            .color(palette::VERMILION),
+                    );
+                }
+            });
+    }
+
+    fn draw_histogram(&self, ui: &mut Ui, curves: Curves<'_>, session: &Session) {
+        let samples = session.series.between(self.range.0, self.range.1);
+        let charts = curves.iter().map(|(one, colour)| {
+            let values: Vec<f64> = samples
+                .iter()
+                .map(|sample| one.of(sample))
+                .filter(|value| value.is_finite())
+                .collect();
+            let (width, bins) = numbers::histogram(&values);
+            let bars = bins
+                .iter()
+                .map(|[at, count]| Bar::new(*at, *count).width(width));
+            BarChart::new(one.name, bars.collect()).color(colour.gamma_multiply(0.7))
+        });
+        let charts: Vec<BarChart> = charts.collect();
+        let title = curves
+            .first()
+            .map_or(String::new(), |(one, _)| one.unit.to_owned());
+        self.plot("histogram")
+            .x_axis_label(title)
+            .y_axis_label("cycles")
+            .show(ui, |plot| {
+                for chart in charts {
+                    plot.bar_chart(chart);
+                }
+            });
+    }
+
+    fn draw_spectrum(&self, ui: &mut Ui, logarithmic: bool, curves: Curves<'_>, session: &Session) {
+        let all = |one: &PlottedQuantity| {
+            let points = thinned_curve(
+                &session.series,
+                self.range,
+                |sample| one.of(sample),
+                usize::MAX,
+            );
+            let mut spectrum = numbers::spectrum(&points);
+            for point in &mut spectrum {
+                point[1] = scale(point[1], logarithmic);
+            }
+            spectrum
+        };
+        let lines: Vec<_> = curves
+            .iter()
+            .map(|(one, colour)| line(one.name, &all(one), *colour, 1.4))
+            .collect();
+        self.plot("spectrum")
+            .x_axis_label("Hz")
+            .y_axis_formatter(move |mark, _| axis_value(mark.value, logarithmic))
+            .show(ui, |plot| {
+                for line in lines {
+                    plot.line(line);
+                }
+            });
+    }
+
+    fn draw_numbers(&self, ui: &mut Ui, curves: Curves<'_>, session: &Session) {
+        let samples = session.series.between(self.range.0, self.range.1);
+        let now = session.series.at(session.playback.time);
+        egui::Grid::new("numbers").striped(true).show(ui, |ui| {
+            for title in [
+                "Quantity", "Shown", "Mean", "Median", "99 %", "Least", "Most",
+            ] {
+                ui.strong(title);
+            }
+            ui.end_row();
+            for (one, colour) in curves {
+                let mut values: Vec<f64> = samples
+                    .iter()
+                    .map(|sample| one.of(sample))
+                    .filter(|value| value.is_finite())
+                    .collect();
+                values.sort_by(f64::total_cmp);
+                let count = values.len();
+                let rank = |part: f64| {
+                    let place = (part * count as f64).ceil() as usize;
+                    values
+                        .get(place.saturating_sub(1))
+                        .copied()
+                        .unwrap_or(f64::NAN)
+                };
+                let mean = values.iter().sum::<f64>() / count as f64;
+                let shown = now.map_or(f64::NAN, |sample| one.of(sample));
+                ui.colored_label(*colour, axis_title(one));
+                for value in [shown, mean, rank(0.5), rank(0.99), rank(0.0), rank(1.0)] {
+                    ui.monospace(if value.is_finite() {
+                        short(value)
+                    } else {
+                        "-".to_owned()
+                    });
+                }
+                ui.end_row();
+            }
+        });
+    }
+}
+
+fn axis_title(quantity: &PlottedQuantity) -> String {
+    format!("{} ({})", quantity.name, quantity.unit)
+}
+
+fn line<'a>(name: &str, points: &[[f64; 2]], colour: Color32, width: f32) -> Line<'a> {
+    Line::new(name, PlotPoints::from(points.to_vec()))
+        .color(colour)
+        .width(width)
+}
+
+fn draw_time(plot: &mut PlotUi<'_>, time: f64, colour: Color32) {
+    plot.vline(
+        VLine::new("", time)
+            .color(colour)
+            .width(1.0)
+            .allow_hover(false),
+    );
+}
+
+/// Bands behind the curves where the robot was not tracking.
+fn draw_modes(plot: &mut PlotUi<'_>, series: &TimeSeries, (from, to): (f64, f64)) {
+    let samples = series.between(from, to);
+    for run in samples.chunk_by(|a, b| a.mode == b.mode) {
+        let (Some(first), Some(last)) = (run.first(), run.last()) else {
+            continue;
+        };
+        if first.mode == Mode::Tracking {
+            continue;
+        }
+        // Up to the next cycle, so that a single one is seen.
+        let end = series.after(last.time).map_or(last.time, |next| next.time);
+        let fill = palette::mode_colour(first.mode).gamma_multiply(0.25);
+        plot.span(Span::new("", first.time..=end).fill(fill));
+    }
+}
+
+/// The value as a logarithmic axis places it.
+fn scale(value: f64, logarithmic: bool) -> f64 {
+    if logarithmic {
+        value.abs().max(LOGARITHM_MIN).log10()
+    } else {
+        value
+    }
+}
+
+fn axis_value(value: f64, logarithmic: bool) -> String {
+    let value = if logarithmic {
+        10f64.powf(value)
+    } else {
+        value
+    };
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if size < 0.001 => format!("{value:.0e}"),
+        _ => {
+            let text = format!("{value:.3}");
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        }
+    }
+}
