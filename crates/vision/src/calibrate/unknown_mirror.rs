@@ -349,10 +349,13 @@ impl Attempt<'_> {
         images: &[NamedImage],
     ) -> Result<(), CalibrationError> {
         let is_used = |index: usize| calibration.images[index].left_out.is_none();
+        // Of many images some are not needed: only those that the fit tried say something.
+        let is_refused =
+            |index: usize| !is_used(index) && calibration.images[index].rms_px.is_finite();
         let left: Vec<SearchImage> = self
             .all
             .iter()
-            .filter(|image| !is_used(image.index))
+            .filter(|image| is_refused(image.index))
             .cloned()
             .collect();
         if left.len() < IMAGES_MIN {
