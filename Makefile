@@ -27,7 +27,7 @@ check: lint
 
 lint: setup
 	cargo fmt --all --check
-	cargo clippy --release --locked --workspace --all-targets -- -D warnings
+	cargo clippy --release --locked --workspace --all-targets --features app/ros2 -- -D warnings
 	$(VENV)/bin/ruff check py tests
 	$(VENV)/bin/ruff format --check py tests
 	$(VENV)/bin/mypy
@@ -40,7 +40,6 @@ genicam: setup
 
 # The node of ROS 2 with Cyclone DDS, in network namespaces of the tests (root). `make test` expects the executable without it.
 ros2: setup
-	cargo clippy --release --locked -p app --features ros2 --all-targets -- -D warnings
 	cargo test --release --locked -p app --features ros2 --lib ros2
 	cargo build --release --locked -p app --features ros2
 	MIRRORBALL_REQUIRE_TOOLS=1 $(VENV)/bin/python -m pytest tests/test_ros.py tests/test_bags.py

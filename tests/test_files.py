@@ -133,6 +133,7 @@ def limit_files(size: int) -> None:
         (["calibrate", "lines", SEQUENCE, "--out"], "map.npz"),
         (["locate", SEQUENCE, "--out"], "poses.csv"),
         (["recover", "GAME", "--out"], "whole.mcap"),
+        (["mirror", "render", "lima2001", "--out"], "picture.png"),
     ],
 )
 def test_full_disk_leaves_the_earlier_output_and_no_part(game: Path, tmp_path: Path, command: list[object], name: str) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
 
 ROOT = Path(__file__).parent.parent
 PROGRAM = ROOT / "target" / "release" / "mirrorball"
@@ -78,9 +79,21 @@ def ended(process: subprocess.Popen[str]) -> dict[str, Any]:
     return result
 
 
+def assert_wall_time(log: Path, started_ns: int) -> None:
+    """Log times are those of the wall clock, and the metadata hold its offset from the clock of the stamps."""
+    with log.open("rb") as file:
+        reader = make_reader(file)
+        times = [message.log_time for _, _, message in reader.iter_messages(topics=["/cycle"])]
+        offsets = [metadata.metadata.get("clock_offset_ns") for metadata in reader.iter_metadata()]
+    assert times and started_ns < min(times) <= max(times) < time.time_ns()
+    expected = time.time_ns() - time.monotonic_ns()
+    assert any(offset is not None and abs(int(offset) - expected) < 1e9 for offset in offsets), offsets
+
+
 def test_run_locates_the_virtual_robot_and_stops_its_wheels_at_the_end(tmp_path: Path, states: StateOutput) -> None:
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("speed = 0.8\nwaypoints = [{ x = -3.0, y = -2.0, theta_deg = 40.0 }, { x = 0.0, y = 2.0 }]\n")
+    started_ns = time.time_ns()
     sim = hardware(robot, "--truth", tmp_path / "truth.csv", "--format", "YUYV")
     files = ["--record", tmp_path / "a.mcap", "--out", tmp_path / "poses.csv", "--network", states.network]
     run = start("run", "--robot", robot, "--patrol", patrol, *files, "--json")
@@ -88,6 +101,7 @@ def test_run_locates_the_virtual_robot_and_stops_its_wheels_at_the_end(tmp_path:
     stop_requested = time.monotonic()
     run.send_signal(signal.SIGTERM)
     report = ended(run)
+    assert_wall_time(tmp_path / "a.mcap", started_ns)
     time.sleep(OBSERVATION_S)
     sim.send_signal(signal.SIGTERM)
     commands = ended(sim)["commands"]

@@ -105,7 +105,7 @@ def sweep(
     that a sweep that was stopped goes on. The whole table is results.parquet. A task that fails is tried `retries` times
     more (not after a ValueError or a missing file: it would fail again); a task that fails finally is a row whose `error` says
     why, and is tried anew the next time. `workers`: this machine's cores if None. `scheduler`: address of a Dask scheduler,
-    whose workers need nothing but this package.
+    whose workers need this package with its extras `analysis` and `cluster`.
 
     Functions other than the default must be importable by the workers (defined in a module).
     """

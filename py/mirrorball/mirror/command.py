@@ -22,6 +22,7 @@ from mirrorball.mirror.plot_worker import PlotWorker
 from mirrorball.mirror.preview import plot_preview, preview
 from mirrorball.mirror.rendering import view
 from mirrorball.mirror.reporting import report as write_report
+from mirrorball.output_file import replacing
 
 Result = dict[str, Any]
 
@@ -111,15 +112,22 @@ def render(
     from matplotlib.image import imsave
 
     _make_folder(Path(out).parent)
-    imsave(out, image)
+    with replacing(out) as part:
+        imsave(part, image, format=_image_format(out))
     return {"mirror": plan.mirror.name, "image": out, "width_px": image.shape[1], "height_px": image.shape[0]}
+
+
+def _image_format(out: str) -> str:
+    """The format that a file's name asks for; the part that is written first has another ending."""
+    return Path(out).suffix.lstrip(".").lower() or "png"
 
 
 def _preview(source: str, *, out: str, scenario: str, time_s: float) -> Result:
     plan = load(source)
     shown = preview(plan.mirror, scenario=scenario, camera=plan.camera, time_s=time_s)
     _make_folder(Path(out).parent)
-    plot_preview(shown).savefig(out)
+    with replacing(out) as part:
+        plot_preview(shown).savefig(part, format=_image_format(out))
     return {
         "mirror": plan.mirror.name,
         "image": out,

@@ -5,12 +5,14 @@ use egui_plot::{Bar, BarChart, Line, LineStyle, Plot, PlotPoints, PlotUi, Points
 use localize::estimate::Mode;
 
 use super::catalogue::PlottedQuantity;
-use super::numbers::{self, robust_limits, thinned_curve};
-use super::{PLOT_HEIGHT_MIN, PlotConfig, PlotKind, short};
+use super::config::{PlotConfig, PlotKind};
+use super::numbers::{self, robust_limits, short, thinned_curve};
 use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::time_series::TimeSeries;
 
+/// Least height of a plot, points.
+pub(super) const PLOT_HEIGHT_MIN: f32 = 80.0;
 /// Width of the value axis, points: equal in all plots, so that equal times lie above one another.
 const VALUE_AXIS_WIDTH: f32 = 52.0;
 /// Scrolled points per zoom factor of e.

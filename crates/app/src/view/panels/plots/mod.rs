@@ -1,6 +1,7 @@
 //! Plots panel: any quantities over time, against each other, as histogram, spectrum or numbers.
 
 mod catalogue;
+mod config;
 mod drawing;
 mod numbers;
 
@@ -8,42 +9,16 @@ use eframe::egui::{self, Color32, RichText, Ui};
 use serde::{Deserialize, Serialize};
 
 use self::catalogue::{CATALOGUE, PlottedQuantity};
-use self::drawing::PlotArea;
+use self::config::{PlotConfig, PlotKind};
+use self::drawing::{PLOT_HEIGHT_MIN, PlotArea};
+use self::numbers::short;
 use crate::view::accessibility::AccessibleLabel;
 use crate::view::palette;
 use crate::view::session::Session;
 
-/// Least height of a plot, points.
-const PLOT_HEIGHT_MIN: f32 = 80.0;
 /// Height of a plot's line of names and values, points.
 const HEADER_HEIGHT: f32 = 26.0;
-/// Colours of a plot's curves, in turn.
-const COLOURS: [Color32; 7] = [
-    palette::ORANGE,
-    palette::SKY,
-    palette::GREEN,
-    palette::PURPLE,
-    palette::VERMILION,
-    palette::YELLOW,
-    palette::GREY,
-];
-
-/// How a plot shows its quantities.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-enum PlotKind {
-    /// Over time.
-    #[default]
-    Curve,
-    /// The second quantity over the first one.
-    Against,
-    /// How often each value occurs in the visible time.
-    Histogram,
-    /// Amplitude over frequency in the visible time.
-    Spectrum,
-    /// Values at the shown time, and their statistics in the visible time.
-    Numbers,
-}
-
+/// Names of the kinds, in menu order.
 const KINDS: [(PlotKind, &str); 5] = [
     (PlotKind::Curve, "Over time"),
     (PlotKind::Against, "Second over first"),
@@ -51,35 +26,6 @@ const KINDS: [(PlotKind, &str); 5] = [
     (PlotKind::Spectrum, "Spectrum"),
     (PlotKind::Numbers, "Numbers"),
 ];
-
-/// One plot.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default)]
-struct PlotConfig {
-    /// Names of its quantities.
-    curves: Vec<String>,
-    kind: PlotKind,
-    /// Logarithmic values.
-    logarithmic: bool,
-}
-
-impl PlotConfig {
-    fn of(names: &[&str]) -> Self {
-        PlotConfig {
-            curves: names.iter().map(|&name| name.to_owned()).collect(),
-            ..PlotConfig::default()
-        }
-    }
-
-    /// Its quantities with their colours. A name of another version is left out.
-    fn quantities(&self) -> Vec<(&'static PlottedQuantity, Color32)> {
-        let known = self
-            .curves
-            .iter()
-            .filter_map(|name| PlottedQuantity::named(name));
-        known.zip(COLOURS.into_iter().cycle()).collect()
-    }
-}
 
 /// State of the panel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -363,14 +309,4 @@ fn search_quantity(ui: &mut Ui, search: &mut String) -> Option<&'static str> {
         ui.close();
     }
     chosen
-}
-
-/// A number with about four digits.
-fn short(value: f64) -> String {
-    match value.abs() {
-        size if size >= 1000.0 => format!("{value:.0}"),
-        size if size >= 10.0 => format!("{value:.1}"),
-        size if size >= 0.1 || size == 0.0 => format!("{value:.2}"),
-        _ => format!("{value:.4}"),
-    }
 }

@@ -115,6 +115,16 @@ pub(super) fn spectrum(points: &[[f64; 2]]) -> Points {
         .collect()
 }
 
+/// A number with about four digits.
+pub(super) fn short(value: f64) -> String {
+    match value.abs() {
+        size if size >= 1000.0 => format!("{value:.0}"),
+        size if size >= 10.0 => format!("{value:.1}"),
+        size if size >= 0.1 || size == 0.0 => format!("{value:.2}"),
+        _ => format!("{value:.4}"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
