@@ -11,7 +11,7 @@ run: announce setup
 	cargo run --release --locked -- demo
 
 announce:
-	@test -x target/release/mirrorball || echo "First run: sets up a Python environment (1 minute), compiles about 460 crates (6 minutes \
+	@test -x target/release/mirrorball || echo "First run: sets up a Python environment (1 minute), compiles about 460 crates (7 minutes \
 	on two cores), then runs a one-minute demo. Later runs start in seconds."
 
 # Python tests import the package from this tree, with the compiled module of the same build.

@@ -121,7 +121,7 @@ impl BagWriter {
 
     fn write_outgoing(&mut self, stamp_ns: i64, message: &Outgoing) -> Result<()> {
         match message {
-            Outgoing::Odometry(message) => self.write("/odom", stamp_ns, message),
+            Outgoing::Odometry(message) => self.write("/odom", stamp_ns, &**message),
             Outgoing::Pose(message) => self.write("/pose", stamp_ns, message),
             Outgoing::Transforms(message) => self.write("/tf", stamp_ns, message),
             Outgoing::Imu(message) => self.write("/imu", stamp_ns, message),

@@ -27,7 +27,7 @@ const FLOAT32: u8 = 7;
 /// A message with its topic.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Outgoing {
-    Odometry(Odometry),
+    Odometry(Box<Odometry>),
     Pose(PoseWithCovarianceStamped),
     Transforms(TFMessage),
     Imu(Imu),
@@ -91,7 +91,7 @@ impl MessageConverter {
             let stamp_ns = self.time_ns(sample.stamp);
             messages.push((
                 stamp_ns,
-                Outgoing::Odometry(self.odometry_message(stamp_ns)),
+                Outgoing::Odometry(Box::new(self.odometry_message(stamp_ns))),
             ));
             let frames = [&*self.frames.odom, &*self.frames.base];
             let transform = planar_transform(stamp_ns, frames, self.odometry.pose, 0.0);

@@ -74,7 +74,7 @@ enum Incoming {
     Twist(Twist, MessageInfo),
     GivenPose(PoseWithCovariance),
     SetPose(RmwRequestId, SetPoseRequest),
-    Odometry(Odometry),
+    Odometry(Box<Odometry>),
     Imu(Imu),
     Image(Image),
 }
@@ -156,7 +156,9 @@ impl Subscriptions {
             of(&self.initial_pose, |message, _| {
                 Incoming::GivenPose(message.pose)
             }),
-            of(&self.odometry, |message, _| Incoming::Odometry(message)),
+            of(&self.odometry, |message, _| {
+                Incoming::Odometry(Box::new(message))
+            }),
             of(&self.imu, |message, _| Incoming::Imu(message)),
             of(&self.image, |message, _| Incoming::Image(message)),
             Some(requests.boxed_local()),

@@ -167,7 +167,7 @@ impl PublishLoop {
         for (_, message) in self.converter.messages(cycle) {
             let publishers = &self.publishers;
             match message {
-                Outgoing::Odometry(message) => self.publish(&publishers.odometry, message),
+                Outgoing::Odometry(message) => self.publish(&publishers.odometry, *message),
                 Outgoing::Pose(message) => self.publish(&publishers.pose, message),
                 Outgoing::Transforms(message) => self.publish(&publishers.tf, message),
                 Outgoing::Imu(message) => self.publish(&publishers.imu, message),

@@ -5,7 +5,7 @@ mod config;
 mod drawing;
 mod numbers;
 
-use eframe::egui::{self, Color32, RichText, Ui};
+use eframe::egui::{self, RichText, Ui};
 use serde::{Deserialize, Serialize};
 
 use self::catalogue::{CATALOGUE, PlottedQuantity};
