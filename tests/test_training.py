@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "py" / "training"))
 networks = pytest.importorskip("networks")
 train_objects = pytest.importorskip("train_objects")
+composites = pytest.importorskip("composites")
 SHIPPED = ROOT / "crates" / "vision" / "src" / "objects" / "objects.weights"
 
 
@@ -30,7 +31,7 @@ def test_weights_of_another_shape_are_refused(tmp_path: Path) -> None:
 
 
 def test_equal_seeds_train_equal_weights_that_tell_discs_from_carpet(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(train_objects, "COMPOSITES", 200)
+    monkeypatch.setattr(composites, "COMPOSITES", 200)
     monkeypatch.setattr(train_objects, "EPOCHS", 2)
     rng = np.random.default_rng(5)
     floor = rng.integers(60, 110, (400, 1, 1, 3)) + rng.integers(-4, 5, (400, 12, 12, 3))

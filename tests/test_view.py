@@ -196,7 +196,7 @@ def wait_for(path: Path) -> None:
 
 
 # Places in the window of 1280 × 800 pixels, layout "eyes": the parameters, reduced to one by the search.
-KEY_FIELD, SEND, REVOKE, SEARCH, FIRST_SETTING = (778, 94), (904, 94), (989, 94), (834, 135), (909, 181)
+KEY_FIELD, SEND, REVOKE, SEARCH, FIRST_SETTING = (778, 94), (904, 94), (989, 94), (834, 135), (955, 181)
 KEY = "a phrase of the team"
 SETTING = "localize.attitude.tilt_compensation"
 

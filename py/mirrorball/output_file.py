@@ -22,6 +22,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
         with part.open("rb") as file:
             os.fsync(file.fileno())
         part.replace(path)
-    except BaseException:
+    except BaseException as error:
         part.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            # A failed write does not name its file.
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise

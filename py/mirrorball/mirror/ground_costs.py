@@ -10,7 +10,7 @@ import numpy as np
 from mirrorball._core import Camera, Mount, Profile
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reflection import Array
-from mirrorball.mirror.tolerances import AZIMUTHS, PixelErrors
+from mirrorball.mirror.tolerances import AZIMUTHS, PixelErrors, shows_ground
 
 WAVES = 12
 """Waves of the surface that are averaged: where a crest lies decides what it costs."""
@@ -31,8 +31,11 @@ class GroundCost:
 def ground_costs(mirror: Mirror, *, camera: Camera, reach_m: float = 12.0) -> list[GroundCost]:
     """What 0.01 mm of the surface, 0.1° of tilt, 0.1 mm of place and 0.1 % of focal length cost at ground distances.
 
-    Costs grow in proportion as long as they are small: 0.2° costs twice as much as 0.1°.
+    Costs grow in proportion as long as they are small: 0.2° costs twice as much as 0.1°. Empty for a mirror that shows no
+    ground.
     """
+    if not shows_ground(mirror, reach_m=reach_m):
+        return []
     errors = PixelErrors(mirror, camera=camera, reach_m=reach_m)
     radius, height = errors.radius_m, errors.height_m
 
@@ -72,6 +75,8 @@ def cost_rows(
     costs: list[GroundCost], distances_m: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0)
 ) -> list[list[str]]:
     """A table for people: the distances that the mirror shows, then one row for each imperfection, millimetres rms."""
+    if not costs:
+        return [["The mirror shows no ground."]]
     shown = [wanted for wanted in distances_m if np.abs(costs[0].distance_m - wanted).min() < 1e-6]
     rows = [["rms error on the ground, mm, at", *(f"{wanted:.0f} m" for wanted in shown)]]
     for cost in costs:

@@ -129,7 +129,8 @@ def _write_report(
         drawer.finish()
     sections = [_section(name, heading, folder) for name, heading in FIGURES.items()]
     costs = ground_costs(mirror, camera=camera, reach_m=judged.reach_m)
-    sections += ["<h2>What an imperfection costs</h2>", table(cost_rows(costs)[0], cost_rows(costs)[1:])]
+    if costs:
+        sections += ["<h2>What an imperfection costs</h2>", table(cost_rows(costs)[0], cost_rows(costs)[1:])]
     sections += ["<h2>The papers' mirrors</h2>", _paper_table(judged)]
     if found is not None:
         sections += [_section("tolerances", "Tolerances", folder), _error_table(found)]

@@ -200,6 +200,11 @@ def _sample_form_error(radius: Array, spread: Tolerances, rng: np.random.Generat
     return np.asarray(error * (spread.form_m * np.sqrt(2.0 / FOURIER_FEATURES)))
 
 
+def shows_ground(mirror: Mirror, *, reach_m: float) -> bool:
+    """Does a ray of the mirror meet the ground between 0.25 m and `reach_m`?"""
+    return any(_slope_at_ground_distance(mirror, float(wanted)) is not None for wanted in np.arange(0.25, reach_m + 1e-9, 0.25))
+
+
 def _sample_distances(mirror: Mirror, *, reach_m: float) -> tuple[Array, Array]:
     """Ground distances 0.25 m apart that the mirror shows, and the innermost camera slope that shows each."""
     distances, slopes = [], []
