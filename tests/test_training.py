@@ -35,7 +35,7 @@ def test_equal_seeds_train_equal_weights_that_tell_discs_from_carpet(monkeypatch
     monkeypatch.setattr(train_objects, "EPOCHS", 2)
     rng = np.random.default_rng(5)
     floor = rng.integers(60, 110, (400, 1, 1, 3)) + rng.integers(-4, 5, (400, 12, 12, 3))
-    disc = np.clip(floor[:40] + 100 * train_objects.disc(1.0, 0.4, 0, 0), 0, 255).astype(np.uint8)
+    disc = np.clip(floor[:40] + 100 * composites.disc(1.0, 0.4, 0, 0), 0, 255).astype(np.uint8)
     samples = train_objects.Samples("test", balls=[disc])
     samples.ball_negatives = samples.ball_backgrounds = floor.astype(np.uint8)
     written = []
