@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -101,6 +102,23 @@ def test_headings_in_degrees_are_named_for_a_handful_of_photographs(tmp_path: Pa
     folder = make_folder(PHOTOGRAPHS / "half_field_2017", "compass_degrees", tmp_path / "few")
     result, _ = run("locate", folder, "--out", tmp_path / "poses.csv")
     assert any(EDITS["compass_degrees"] in warning for warning in result["warnings"]), result["warnings"]
+
+
+@pytest.mark.skipif(not (PHOTOGRAPHS / "lab_2016").is_dir(), reason="no photographs")
+def test_field_of_another_kind_is_named_by_its_sizes(tmp_path: Path) -> None:
+    folder = tmp_path / "lab"
+    shutil.copytree(PHOTOGRAPHS / "lab_2016", folder)
+    right, _ = run("doctor", "--recording", folder)
+    assert right["suggestions"] == []
+    shutil.copy(ROOT / "config/fields/msl_12x8.toml", folder / "field.toml")
+    result, _ = run("locate", folder, "--out", tmp_path / "poses.csv")
+    assert any("width = 8." in warning for warning in result["warnings"]), result["warnings"]
+    rows = poses(tmp_path / "poses.csv")
+    assert all(row["reason"] == "doubtful set-up" for row in rows)
+    for row, truth in zip(rows, poses(folder / "truth.csv"), strict=True):
+        for axis in "xy":
+            error = abs(float(row[f"{axis}_m"]) - float(truth[f"{axis}_m"]))
+            assert error < 3.0 * float(row[f"std_{axis}_m"])
 
 
 def test_simulated_game_has_no_warning() -> None:

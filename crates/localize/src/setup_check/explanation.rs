@@ -18,8 +18,10 @@ const START_ERROR: f32 = 0.3;
 /// Tables of one field for the search of poses.
 #[derive(Debug, Clone)]
 pub struct FieldTables {
+    field: Field,
     distances: DistanceField,
-    search: BranchAndBound,
+    /// Built by the first search: [`refine`] does without.
+    search: Option<BranchAndBound>,
     matcher: Matcher,
     config: BranchAndBoundConfig,
     kernel_squared: f32,
@@ -56,7 +58,8 @@ impl FieldTables {
     pub fn new(field: &Field, config: &LocalizeConfig) -> Self {
         let distances = DistanceField::new(field, &config.distance_field);
         FieldTables {
-            search: BranchAndBound::new(field, &distances, config.branch_and_bound.clone()),
+            field: field.clone(),
+            search: None,
             matcher: Matcher::new(config.matching.clone()),
             distances,
             config: config.branch_and_bound.clone(),
@@ -66,31 +69,36 @@ impl FieldTables {
 
     /// The poses that explain the points of one keyframe, half turns included.
     fn hypotheses(&mut self, keyframe: &Keyframe) -> KeyframeHypotheses {
-        let found =
-            self.search
-                .find_hypotheses(&self.distances, &mut self.matcher, &keyframe.points, None);
-        let mut hypotheses: Vec<(f32, Hypothesis)> = Vec::new();
+        let FieldTables {
+            field,
+            distances,
+            search,
+            matcher,
+            config,
+            ..
+        } = self;
+        let search =
+            search.get_or_insert_with(|| BranchAndBound::new(field, distances, config.clone()));
+        let found = search.find_hypotheses(distances, matcher, &keyframe.points, None);
+        let symmetric = search.is_half_turn_symmetric();
+        let mut poses: Vec<Hypothesis> = Vec::new();
         for hypothesis in found {
-            let cost = self.cost(keyframe, hypothesis.score);
             let turned = Hypothesis {
                 pose: half_turn(hypothesis.pose),
                 ..hypothesis.clone()
             };
-            let both = [Some(hypothesis), self.is_symmetric().then_some(turned)];
+            let both = [Some(hypothesis), symmetric.then_some(turned)];
             for each in both.into_iter().flatten() {
-                let known = |(_, other): &(f32, Hypothesis)| {
-                    self.search.is_same_hypothesis(other.pose, each.pose)
-                };
-                if !hypotheses.iter().any(known) {
-                    hypotheses.push((cost, each));
+                let known = |other: &Hypothesis| search.is_same_hypothesis(other.pose, each.pose);
+                if !poses.iter().any(known) {
+                    poses.push(each);
                 }
             }
         }
-        KeyframeHypotheses { hypotheses }
-    }
-
-    fn is_symmetric(&self) -> bool {
-        self.search.is_half_turn_symmetric()
+        let cost = |hypothesis: Hypothesis| (self.cost(keyframe, hypothesis.score), hypothesis);
+        KeyframeHypotheses {
+            hypotheses: poses.into_iter().map(cost).collect(),
+        }
     }
 
     /// Negative log likelihood of a keyframe's points, tempered as in the search (their errors are correlated).
@@ -158,6 +166,11 @@ fn explain_by(keyframes: &[Keyframe], hypotheses: &[KeyframeHypotheses]) -> Expl
 }
 
 impl Explanation {
+    /// Negative log likelihood of all keyframes.
+    pub fn cost(&self) -> f32 {
+        self.keyframes.iter().map(|fit| fit.cost).sum()
+    }
+
     /// Share of all points on markings.
     pub fn on_markings(&self) -> f32 {
         self.mean_over_points(|fit| fit.on_markings)

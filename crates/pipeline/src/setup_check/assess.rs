@@ -9,6 +9,7 @@ use localize::{Field, math};
 use rayon::prelude::*;
 
 use super::change::Change;
+use super::field_sizes;
 use super::measurements::{MeasuredKeyframe, thin_out};
 use super::variant::SetupVariant;
 use crate::paths;
@@ -181,6 +182,9 @@ impl Trial<'_> {
             .map(|(_, improvement)| improvement)
             .filter(|improvement| improvement.comparison.is_better())
             .collect();
+        if other_fields && better.is_empty() {
+            better.extend(self.search_all_sizes(variant, now));
+        }
         better.sort_by(|a, b| b.comparison.gain.total_cmp(&a.comparison.gain));
         if let Some(best) = better.first().cloned() {
             better.retain(|other| !compare(&other.explanation, &best.explanation).is_better());
@@ -238,6 +242,20 @@ impl Trial<'_> {
         self.evaluate(variant, now, changed.collect())
     }
 
+    /// All sizes of the field together: a field of another kind, of which no single size explains much.
+    fn search_all_sizes(&self, variant: &SetupVariant, now: &Explanation) -> Option<Improvement> {
+        let keyframes = variant.apply(self.setup, self.measured);
+        let field = field_sizes::search(&variant.field, &keyframes, now, &self.config);
+        let changed = field_sizes::changed(&variant.field, &field).len();
+        if changed == 0 {
+            return None;
+        }
+        let found = self.evaluate(variant, now, vec![Change::Sizes(Box::new(field))]);
+        let mut improvement = found.into_iter().next()?.1;
+        improvement.comparison.gain -= field_sizes::PRIOR_COST * changed as f32;
+        improvement.comparison.is_better().then_some(improvement)
+    }
+
     fn best_size(
         &self,
         variant: &SetupVariant,
@@ -258,8 +276,7 @@ impl Trial<'_> {
         };
         let cost = |size: f32| {
             let explanation = self.explain(&change(size).apply(variant), subset)?;
-            let total: f32 = explanation.keyframes.iter().map(|fit| fit.cost).sum();
-            Some((size, total))
+            Some((size, explanation.cost()))
         };
         let cheapest = |sizes: Vec<f32>| -> Option<(f32, f32)> {
             let costs: Vec<(f32, f32)> = sizes.into_par_iter().filter_map(cost).collect();
@@ -301,8 +318,7 @@ impl Trial<'_> {
             };
             let keyframes = after.apply(self.setup, self.measured);
             let explanation = refine(&mut tables, &keyframes, now);
-            let cost: f32 = explanation.keyframes.iter().map(|fit| fit.cost).sum();
-            (cost, after, explanation)
+            (explanation.cost(), after, explanation)
         };
         let before = explain_at(variant.centre_shift);
         let mut best = before.clone();

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use localize::field::FieldConfig;
 
+use super::field_sizes;
 use super::variant::SetupVariant;
 use crate::setup::Setup;
 
@@ -17,6 +18,8 @@ pub(super) enum Change {
     Length(f32),
     /// Another width, metres.
     Width(f32),
+    /// Several sizes of the field.
+    Sizes(Box<FieldConfig>),
     /// The camera turned by quarters, then perhaps mirrored.
     Mount {
         /// Quarter turns.
@@ -39,7 +42,7 @@ impl Change {
     pub(super) fn apply(&self, variant: &SetupVariant) -> SetupVariant {
         let mut changed = variant.clone();
         match self {
-            Change::Field(_, field) => changed.field = (**field).clone(),
+            Change::Field(_, field) | Change::Sizes(field) => changed.field = (**field).clone(),
             Change::Length(length) => changed.field.length = *length,
             Change::Width(width) => changed.field.width = *width,
             Change::Mount { quarters, mirrored } => {
@@ -76,6 +79,13 @@ impl Change {
                 "field.toml: width = {width:.2} (now {:.2})",
                 setup.field.config.width
             ),
+            Change::Sizes(field) => {
+                let edits = field_sizes::changed(&setup.field.config, field);
+                let edits = edits
+                    .iter()
+                    .map(|(name, old, new)| format!("{name} = {new:.2} (now {old:.2})"));
+                format!("field.toml: {}", edits.collect::<Vec<_>>().join(", "))
+            }
             Change::Mount { quarters, mirrored } => mount_text(setup, after, *quarters, *mirrored),
             Change::CompassQuarterTurns(quarters) => {
                 let degrees = 90 * u16::from(*quarters);
@@ -112,6 +122,7 @@ impl Change {
             Change::Field(..) => "the field file is of another field",
             Change::Length(_) => "the field's length is wrong",
             Change::Width(_) => "the field's width is wrong",
+            Change::Sizes(_) => "the field's markings are of other sizes",
             Change::Mount { mirrored: true, .. } => "left and right of the image are exchanged",
             Change::Mount { .. } => "the camera's forward direction is wrong",
             Change::CompassQuarterTurns(_) => "the compass is turned",

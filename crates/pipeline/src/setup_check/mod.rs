@@ -7,6 +7,7 @@
 mod assess;
 mod change;
 mod collector;
+mod field_sizes;
 mod measurements;
 mod ranges;
 #[cfg(test)]
