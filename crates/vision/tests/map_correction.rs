@@ -3,7 +3,7 @@
 mod mount_drive;
 
 use localize::{Field, LocalizeConfig, Localizer};
-use mount_drive::{DriveConfig, Optics, Scored, TrueMount, config_folder, drive};
+use mount_drive::{DriveConfig, Optics, Scored, Starvation, TrueMount, config_folder, drive};
 use vision::Mount;
 use vision::optics::map_basis::basis_from_profile;
 
@@ -88,18 +88,22 @@ fn an_unknown_mount_of_a_hyperbolic_mirror_is_learned_while_driving() {
     check_unknown_mount("hyperbolic.toml");
 }
 
-#[test]
-fn a_knock_is_noticed_and_healed() {
-    let knocked = TrueMount {
+/// A mirror that a knock has tilted by 0.5°.
+fn knocked() -> TrueMount {
+    TrueMount {
         mount: Mount {
             mirror_tilt_deg: [0.5, 0.0],
             ..Mount::default()
         },
         focal_scale: 1.0,
-    };
+    }
+}
+
+#[test]
+fn a_knock_is_noticed_and_healed() {
     let config = DriveConfig {
         seconds: 25.0,
-        mounts: vec![(0.0, TrueMount::default()), (10.0, knocked)],
+        mounts: vec![(0.0, TrueMount::default()), (10.0, knocked())],
         ..DriveConfig::default()
     };
     let scored = run("default.toml", true, &config);
@@ -128,4 +132,41 @@ fn a_right_map_costs_no_accuracy_and_a_standing_robot_learns_nothing_wrong() {
     let scored = run("default.toml", true, &standing);
     assert!(mean_from(&scored, 1.0).1 < 2.0);
     assert!(scored.iter().all(|image| image.knocks == 0));
+}
+
+/// A drive on a computer that is too busy: half of the images are dropped, the others are up to 0.3 s late, and the wheels'
+/// samples arrive in bursts.
+fn starved(seed: u64, stamped_on_arrival: bool, turn_error_deg: f32) -> DriveConfig {
+    DriveConfig {
+        seconds: 15.0,
+        tilt_std_deg: 0.3,
+        seed,
+        starvation: Some(Starvation {
+            kept_share: 0.5,
+            delay_max: 0.3,
+            burst_max: 0.2,
+            stamped_on_arrival,
+            turn_error_deg,
+        }),
+        ..DriveConfig::default()
+    }
+}
+
+#[test]
+fn late_and_missing_samples_are_no_knock_and_a_knock_among_them_is_noticed() {
+    for (seed, arrival, turn_error_deg) in [(0, false, 0.0), (1, false, 2.0), (2, true, 0.0)] {
+        let scored = run(
+            "default.toml",
+            true,
+            &starved(seed, arrival, turn_error_deg),
+        );
+        let knocks = scored.last().expect("images").knocks;
+        assert_eq!(knocks, 0, "seed {seed}");
+    }
+    let mut config = starved(3, false, 1.0);
+    config.mounts.push((6.0, knocked()));
+    let scored = run("default.toml", true, &config);
+    let noticed = scored.iter().find(|image| image.knocks > 0);
+    let noticed = noticed.map_or(f64::INFINITY, |image| image.seconds);
+    assert!((6.0..11.0).contains(&noticed), "{noticed} s");
 }

@@ -2,7 +2,7 @@
 
 use super::block::Block;
 use super::state::{MapCorrection, TrackedImage};
-use super::sums::PoseByTerm;
+use super::sums::{PoseByTerm, TermMatrix};
 use crate::frames::Pose;
 use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceField;
@@ -12,8 +12,8 @@ use crate::matching::distance_field::DistanceField;
 const KNOCK_TESTS: u32 = 15;
 
 impl MapCorrection {
-    /// Tests an image for a large knock: another map explains `margin` points more than the present one. Half a
-    /// second of such images makes a knock. Returns the pose under the new map.
+    /// Tests an image for a large knock: another map explains `margin` points more than the present one does, at the
+    /// present pose and at the best one near it. Half a second of such images makes a knock. Returns the pose under the new map.
     ///
     /// Tests a `poor` match at once, others once per `knock_check_period`.
     pub fn detect_knock(
@@ -33,9 +33,16 @@ impl MapCorrection {
         }
         self.knock_checked = Some(image.stamp);
         let present = self.present_score(image, distances, matching);
+        let knocked = self.covariance + self.prior;
         let refit = self
-            .refit(image, distances, matching)
-            .filter(|refit| refit.score - present > margin);
+            .refit(image, &knocked, distances, matching)
+            .filter(|refit| refit.score - present > margin)
+            .filter(|refit| {
+                // Late or missing samples make the prediction wrong, and with it the present match. Another pose under the
+                // present map explains the image then.
+                let moved = self.refit(image, &TermMatrix::zeros(), distances, matching);
+                moved.is_none_or(|moved| refit.score - moved.score > margin)
+            });
         let Some(refit) = refit else {
             self.knock_tests = 0;
             return None;

@@ -36,14 +36,15 @@ struct Candidate {
 }
 
 impl MapCorrection {
-    /// Fits pose, tilt and map to an image from the predicted pose.
+    /// Fits pose, tilt and map to an image from the predicted pose. `map_covariance`: of the map's unknowns; zero keeps the
+    /// map in use.
     pub(super) fn refit(
         &self,
         image: &TrackedImage,
+        map_covariance: &TermMatrix,
         distances: &DistanceField,
         matching: &MatchConfig,
     ) -> Option<Refit> {
-        let map_covariance = self.covariance + self.prior;
         let mut candidate = Candidate {
             pose: image.predicted,
             tilt: [0.0; 2],
@@ -67,14 +68,8 @@ impl MapCorrection {
         for reach in REACH {
             let (sums, _) = self.sums_at(&candidate, reach, image, distances, matching);
             let share = f64::from(self.config.information_share);
-            let (step, pose_step) = joint_step(
-                &sums,
-                &pose_prior,
-                &map_covariance,
-                &candidate,
-                image,
-                share,
-            )?;
+            let (step, pose_step) =
+                joint_step(&sums, &pose_prior, map_covariance, &candidate, image, share)?;
             for k in 0..TERMS_MAX {
                 candidate.step[k] += step[k] as f32;
             }

@@ -87,6 +87,21 @@ impl Optics {
     }
 }
 
+/// A computer that is too busy: images are dropped and late, and wheel samples come in bursts.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Starvation {
+    /// Share of the images that are processed.
+    pub(crate) kept_share: f32,
+    /// Longest time from the exposure of an image to its processing, seconds.
+    pub(crate) delay_max: f64,
+    /// Longest time between two bursts of wheel samples, seconds.
+    pub(crate) burst_max: f64,
+    /// Stamps are times of arrival: the devices have no clock.
+    pub(crate) stamped_on_arrival: bool,
+    /// Standard deviation of a turn that each burst reports wrongly: rates of a gyro that were stamped late, degrees.
+    pub(crate) turn_error_deg: f32,
+}
+
 pub(crate) struct DriveConfig {
     pub(crate) speed: f32,
     pub(crate) seconds: f64,
@@ -98,6 +113,7 @@ pub(crate) struct DriveConfig {
     pub(crate) seed: u64,
     /// The mount from a time on.
     pub(crate) mounts: Vec<(f64, TrueMount)>,
+    pub(crate) starvation: Option<Starvation>,
 }
 
 impl Default for DriveConfig {
@@ -112,6 +128,7 @@ impl Default for DriveConfig {
             odometry_noise: 0.05,
             seed: 1,
             mounts: vec![(0.0, TrueMount::default())],
+            starvation: None,
         }
     }
 }
@@ -130,6 +147,12 @@ fn normal(rng: &mut impl Rng) -> f32 {
     localize::random::standard_normal(rng)
 }
 
+/// What reaches the localizer, with the true pose.
+enum Input {
+    Wheels(Odometry),
+    Points(Vec<LinePoint>, Pose),
+}
+
 /// Drives and localizes.
 pub(crate) fn drive(
     optics: &Optics,
@@ -138,6 +161,81 @@ pub(crate) fn drive(
     config: &DriveConfig,
 ) -> Vec<Scored> {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+    let start = Pose::new(
+        (rng.random::<f32>() - 0.5) * 0.6 * field.length,
+        (rng.random::<f32>() - 0.5) * 0.6 * field.width,
+        (rng.random::<f32>() - 0.5) * 6.0,
+    );
+    let covariance = nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(0.04, 0.04, 0.01));
+    localizer.set_pose(Stamp(0), start, &covariance);
+    let mut inputs = record(optics, field, config, start, &mut rng);
+    if let Some(starvation) = config.starvation {
+        inputs = starve(inputs, starvation, config.seed);
+    }
+    let mut scored = Vec::new();
+    for (stamp, input) in inputs {
+        match input {
+            Input::Wheels(odometry) => localizer.add_odometry(&odometry),
+            Input::Points(points, pose) => {
+                let estimate = localizer.process_points(stamp, &points);
+                scored.push(score(stamp.seconds(), pose, &estimate, localizer));
+            }
+        }
+    }
+    scored
+}
+
+/// Delays the inputs and drops images; the order is that of their arrival, samples before the image.
+fn starve(inputs: Vec<(Stamp, Input)>, starvation: Starvation, seed: u64) -> Vec<(Stamp, Input)> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed + 1000);
+    let (mut burst, mut image) = (0.0, 0.0_f64);
+    let mut arrivals = Vec::new();
+    for (stamp, mut input) in inputs {
+        let seconds = stamp.seconds();
+        let arrival = match &mut input {
+            Input::Wheels(odometry) => {
+                while burst < seconds {
+                    burst += starvation.burst_max * rng.random::<f64>();
+                    odometry.dtheta += starvation.turn_error_deg.to_radians() * normal(&mut rng);
+                }
+                (burst, 0)
+            }
+            Input::Points(..) if rng.random::<f32>() > starvation.kept_share => continue,
+            Input::Points(..) => {
+                image = image.max(seconds + starvation.delay_max * rng.random::<f64>());
+                (image, 1)
+            }
+        };
+        arrivals.push((arrival, stamp, input));
+    }
+    arrivals.sort_by(|(a, ..), (b, ..)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut last = 0.0_f64;
+    arrivals
+        .into_iter()
+        .map(|((arrival, _), stamp, input)| {
+            if !starvation.stamped_on_arrival {
+                return (stamp, input);
+            }
+            // The samples of a burst are read one after the other.
+            last = arrival.max(last + 2e-5);
+            let stamp = Stamp::from_seconds(last);
+            let input = match input {
+                Input::Wheels(odometry) => Input::Wheels(Odometry { stamp, ..odometry }),
+                points => points,
+            };
+            (stamp, input)
+        })
+        .collect()
+}
+
+/// The measurements of a drive, in the order of their stamps.
+fn record(
+    optics: &Optics,
+    field: &Field,
+    config: &DriveConfig,
+    mut pose: Pose,
+    rng: &mut ChaCha8Rng,
+) -> Vec<(Stamp, Input)> {
     let distances = DistanceField::new(field, &Default::default());
     let map = optics.trace(TrueMount::default());
     let truths: Vec<_> = config
@@ -145,16 +243,9 @@ pub(crate) fn drive(
         .iter()
         .map(|(time, mount)| (*time, optics.trace(*mount)))
         .collect();
-    let mut pose = Pose::new(
-        (rng.random::<f32>() - 0.5) * 0.6 * field.length,
-        (rng.random::<f32>() - 0.5) * 0.6 * field.width,
-        (rng.random::<f32>() - 0.5) * 6.0,
-    );
-    let covariance = nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(0.04, 0.04, 0.01));
-    localizer.set_pose(Stamp(0), pose, &covariance);
     let dt = (1.0 / config.rate) as f32;
     let mut velocity = [0.0f32; 3];
-    let mut scored = Vec::new();
+    let mut inputs = Vec::new();
     for k in 1..(config.seconds * config.rate) as i64 {
         let seconds = k as f64 / config.rate;
         let stamp = Stamp::from_seconds(seconds);
@@ -164,7 +255,7 @@ pub(crate) fn drive(
                 .iter_mut()
                 .zip([config.speed, config.speed, 0.4 * config.speed])
         {
-            *value = decay * *value + (1.0 - decay * decay).sqrt() * std * normal(&mut rng);
+            *value = decay * *value + (1.0 - decay * decay).sqrt() * std * normal(rng);
         }
         for (n, at, half) in [
             (0, pose.x, field.length / 2.0),
@@ -181,7 +272,7 @@ pub(crate) fn drive(
             (cos * vy - sin * vx) * dt,
             w * dt,
         ]
-        .map(|part| part * (1.02 + config.odometry_noise * normal(&mut rng)));
+        .map(|part| part * (1.02 + config.odometry_noise * normal(rng)));
         pose = Pose::new(pose.x + vx * dt, pose.y + vy * dt, pose.theta + w * dt);
         let truth = &truths
             .iter()
@@ -189,21 +280,19 @@ pub(crate) fn drive(
             .find(|(time, _)| *time <= seconds)
             .expect("a mount")
             .1;
-        let tilt = [0, 1].map(|_| config.tilt_std_deg.to_radians() * normal(&mut rng));
-        let points = observe(
-            optics, &distances, &map, truth, pose, tilt, config, &mut rng,
-        );
-        localizer.add_odometry(&Odometry {
+        let tilt = [0, 1].map(|_| config.tilt_std_deg.to_radians() * normal(rng));
+        let points = observe(optics, &distances, &map, truth, pose, tilt, config, rng);
+        let odometry = Odometry {
             stamp,
             dx: motion[0],
             dy: motion[1],
             dtheta: motion[2],
             slip: 0.0,
-        });
-        let estimate = localizer.process_points(stamp, &points);
-        scored.push(score(seconds, pose, &estimate, localizer));
+        };
+        inputs.push((stamp, Input::Wheels(odometry)));
+        inputs.push((stamp, Input::Points(points, pose)));
     }
-    scored
+    inputs
 }
 
 fn score(seconds: f64, truth: Pose, estimate: &Estimate, localizer: &Localizer) -> Scored {
