@@ -86,9 +86,13 @@ impl MapBasis {
             let place = self.terms.iter().position(|term| term.kind == kind);
             place.map_or(0.0, |k| coefficients[k])
         };
-        let mount = self.mirror.as_deref().map(|mirror| PreparedMirror {
+        let mounting = MIRROR_KINDS.map(value);
+        // A mirror that is mounted as given displaces nothing: no point is traced.
+        let moved = mounting.iter().any(|value| *value != 0.0);
+        let mirror = self.mirror.as_deref().filter(|_| moved);
+        let mount = mirror.map(|mirror| PreparedMirror {
             mirror,
-            mount: mirror.prepare(MIRROR_KINDS.map(value)),
+            mount: mirror.prepare(mounting),
         });
         let mut smooth = coefficients;
         for (term, coefficient) in self.terms.iter().zip(&mut smooth) {
@@ -112,6 +116,7 @@ pub struct PreparedBasis<'a> {
     coefficients: [f32; TERMS_MAX],
     /// The same without those of the mirror's mounting.
     smooth: [f32; TERMS_MAX],
+    /// None for a mirror that is mounted as given.
     mount: Option<PreparedMirror<'a>>,
 }
 
