@@ -43,7 +43,7 @@ pub(crate) fn run(
             Ok(rows?)
         })
         .collect::<Result<_>>()?;
-    rows.header("variant,method,seed,frames,position_m,position_max_m,heading_deg,blind_m,after_hit_m,along_m,nees,nees_inside,searched,latency_s,nees_blind")?;
+    rows.header("variant,method,seed,frames,position_m,position_max_m,heading_deg,blind_m,after_hit_m,along_m,nees,nees_inside,searched,latency_s,nees_blind,nees_blind_along,nees_blind_across,nees_blind_heading")?;
     for (&(_, seed), job_scores) in jobs.iter().zip(&scores) {
         for row in job_scores {
             write_row(rows, seed, row)?;
@@ -68,8 +68,9 @@ pub(crate) fn run(
 
 fn write_row(rows: &mut CsvRows, seed: u64, row: &FusionScore) -> Result<()> {
     let cell = |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
+    let direction = |k: usize| row.nees_blind_by_direction.map(|all| all[k]);
     rows.row(format_args!(
-        "{},{},{seed},{},{:.5},{:.5},{:.5},{},{},{:.5},{:.4},{:.4},{},{:.5},{}",
+        "{},{},{seed},{},{:.5},{:.5},{:.5},{},{},{:.5},{:.4},{:.4},{},{:.5},{},{},{},{}",
         snake_case_name(&row.disturbance),
         snake_case_name(&row.estimator),
         row.frames,
@@ -83,7 +84,10 @@ fn write_row(rows: &mut CsvRows, seed: u64, row: &FusionScore) -> Result<()> {
         row.nees_inside,
         row.searched,
         row.latency,
-        cell(row.nees_blind)
+        cell(row.nees_blind),
+        cell(direction(0)),
+        cell(direction(1)),
+        cell(direction(2))
     ))
 }
 
@@ -115,7 +119,16 @@ fn metrics_of(variant: &str, method: &str, rows: &[&FusionScore]) -> Vec<Metric>
         mean("NEES (3 is honest)", |row| {
             (row.nees > 0.0).then_some(row.nees)
         }),
-        mean("NEES while blind", |row| row.nees_blind),
+        mean("NEES while blind (3 is honest)", |row| row.nees_blind),
+        mean("of it along the way (1 is honest)", |row| {
+            row.nees_blind_by_direction.map(|all| all[0])
+        }),
+        mean("of it across the way (1 is honest)", |row| {
+            row.nees_blind_by_direction.map(|all| all[1])
+        }),
+        mean("of it the heading (1 is honest)", |row| {
+            row.nees_blind_by_direction.map(|all| all[2])
+        }),
         mean("inside the 95 % band, %", |row| {
             (row.nees > 0.0).then_some(100.0 * row.nees_inside)
         }),

@@ -4,6 +4,7 @@ use localize::config::LocalizeConfig;
 use localize::estimate::{Estimate, Mode};
 use localize::frames::Pose;
 use localize::{Field, Localizer, Stamp, Tf};
+use nalgebra::{Vector2, Vector3};
 use serde::Serialize;
 
 use super::disturbance::{Disturbance, Estimator};
@@ -42,8 +43,11 @@ pub struct FusionScore {
     pub along: f32,
     /// Mean normalised estimation error squared over all images, those without line points included; 3 is consistent.
     pub nees: f32,
-    /// The same over the images without line points. `None` if there are none.
+    /// The same over the images without line points; 3 is consistent. `None` if there are none.
     pub nees_blind: Option<f32>,
+    /// There, the squared errors along the velocity, across it and of the heading, each over its own variance; 1 is
+    /// consistent.
+    pub nees_blind_by_direction: Option<[f32; 3]>,
     /// Share of all images inside the 95 % band of χ² with three degrees of freedom.
     pub nees_inside: f32,
     /// Images without a pose, or with one from a global search.
@@ -67,6 +71,7 @@ pub(super) struct ScoreSums {
     nees_in_band: usize,
     nees_count: usize,
     nees_blind: f64,
+    nees_blind_by_direction: [f64; 3],
     nees_blind_count: usize,
     relocated: usize,
     vision_loss_errors: Vec<f32>,
@@ -116,6 +121,20 @@ impl ScoreSums {
         if frame.vision_lost {
             self.nees_blind += f64::from(squared);
             self.nees_blind_count += 1;
+            // A robot at rest has no direction: its x and y stand for it.
+            let [vx, vy] = frame.velocity;
+            let along = Vector2::new(vx, vy)
+                .try_normalize(0.01)
+                .unwrap_or_else(Vector2::x);
+            let directions = [
+                Vector3::new(along.x, along.y, 0.0),
+                Vector3::new(-along.y, along.x, 0.0),
+                Vector3::z(),
+            ];
+            for (sum, direction) in self.nees_blind_by_direction.iter_mut().zip(directions) {
+                let variance = direction.dot(&(estimate.covariance * direction));
+                *sum += f64::from(direction.dot(&error).powi(2) / variance);
+            }
         }
     }
 
@@ -123,6 +142,7 @@ impl ScoreSums {
         let mean = |sum: f64, count: usize| (sum / count.max(1) as f64) as f32;
         let average =
             |all: &[f32]| (!all.is_empty()).then(|| all.iter().sum::<f32>() / all.len() as f32);
+        let blind = self.nees_blind_count > 0;
         FusionScore {
             disturbance,
             estimator,
@@ -135,8 +155,11 @@ impl ScoreSums {
             after_hit: average(&self.post_push_errors),
             along: mean(self.along_track_error, self.moving),
             nees: mean(self.nees, self.nees_count),
-            nees_blind: (self.nees_blind_count > 0)
-                .then(|| mean(self.nees_blind, self.nees_blind_count)),
+            nees_blind: blind.then(|| mean(self.nees_blind, self.nees_blind_count)),
+            nees_blind_by_direction: blind.then(|| {
+                self.nees_blind_by_direction
+                    .map(|sum| mean(sum, self.nees_blind_count))
+            }),
             nees_inside: self.nees_in_band as f32 / self.nees_count.max(1) as f32,
             searched: self.relocated,
             scale_off: self.odometry_scale_error,
