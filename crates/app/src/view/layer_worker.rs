@@ -5,7 +5,6 @@
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
 use eframe::egui::{Color32, ColorImage};
-use localize::frames::{At, RobotFrame};
 use localize::sample::LinePoint;
 use localize::{DistanceField, Stamp};
 use vision::colour::colour_table::ColourTable;
@@ -14,15 +13,12 @@ use vision::config::{ImageRect, VisionConfig};
 use vision::image::{Image, rgb_to_yuv};
 use vision::process::Vision;
 
+use super::birds_eye::BirdsEye;
 use super::palette;
 use super::source::decoded_cycle::rgb_image;
 use super::static_scene::StaticScene;
 use pipeline::Cycle;
 
-/// Half the side of the bird's-eye view, metres: covers about half the field around the robot.
-pub(crate) const BIRDS_EYE_HALF_EXTENT: f32 = 6.0;
-/// Side of the bird's-eye view, pixels of 2 cm.
-pub(crate) const BIRDS_EYE_SIDE_PX: usize = 600;
 /// Cell size of the distance field and the error landscape, metres.
 pub(crate) const HEATMAP_CELL: f32 = 0.1;
 /// Distance drawn darkest, metres: half the gap between the league's nearest parallel lines.
@@ -163,8 +159,7 @@ struct LayerRenderer {
     class_cache: Vec<u8>,
     /// Carpet model of `class_cache`.
     carpet_model: Option<vision::colour::carpet_model::CarpetModel>,
-    /// Scene key, and image pixel index of each bird's-eye pixel.
-    birds_eye_pixels: Option<(usize, Vec<u32>)>,
+    birds_eye: BirdsEye,
     distance_layer: Option<(usize, Arc<ColorImage>)>,
 }
 
@@ -196,18 +191,9 @@ impl LayerRenderer {
                     vision.map(|(_, vision)| Arc::new(vision.virtual_sensor_regions().to_vec()));
             }
             if job.selection.birds_eye {
-                if self
-                    .birds_eye_pixels
-                    .as_ref()
-                    .is_none_or(|(cached, _)| *cached != key)
-                {
-                    self.birds_eye_pixels = Some((key, birds_eye_pixels(scene)));
-                }
-                let pixels = self
-                    .birds_eye_pixels
-                    .as_ref()
-                    .map_or(&[][..], |(_, pixels)| pixels);
-                layers.birds_eye = Some(Arc::new(render_birds_eye(image, pixels)));
+                let correction = job.cycle.estimate.map_correction.as_ref();
+                let view = self.birds_eye.render(scene, image, correction);
+                layers.birds_eye = Some(Arc::new(view));
             }
         }
         if job.selection.distance_field {
@@ -314,40 +300,6 @@ struct ClassLayers {
 }
 
 /// Image pixel index of each bird's-eye pixel; `u32::MAX` if not visible.
-fn birds_eye_pixels(scene: &StaticScene) -> Vec<u32> {
-    let Some(camera) = &scene.camera else {
-        return Vec::new();
-    };
-    let step = 2.0 * BIRDS_EYE_HALF_EXTENT / BIRDS_EYE_SIDE_PX as f32;
-    let mut pixels = Vec::with_capacity(BIRDS_EYE_SIDE_PX * BIRDS_EYE_SIDE_PX);
-    for row in 0..BIRDS_EYE_SIDE_PX {
-        for column in 0..BIRDS_EYE_SIDE_PX {
-            // The robot's x axis (forward) points up, its y axis to the left.
-            let ground = At::<RobotFrame>::new(
-                BIRDS_EYE_HALF_EXTENT - (row as f32 + 0.5) * step,
-                BIRDS_EYE_HALF_EXTENT - (column as f32 + 0.5) * step,
-            );
-            let pixel = camera.inverse.project(&camera.map, ground);
-            pixels.push(pixel.map_or(u32::MAX, |[u, v]| {
-                v.round() as u32 * camera.map.width_px as u32 + u.round() as u32
-            }));
-        }
-    }
-    pixels
-}
-
-fn render_birds_eye(image: &Image, pixels: &[u32]) -> ColorImage {
-    let colour = |&pixel: &u32| {
-        let at = 3 * pixel as usize;
-        image.rgb.get(at..at + 3).map_or(palette::FLOOR, |rgb| {
-            Color32::from_rgb(rgb[0], rgb[1], rgb[2])
-        })
-    };
-    let mut colours: Vec<Color32> = pixels.iter().map(colour).collect();
-    colours.resize(BIRDS_EYE_SIDE_PX * BIRDS_EYE_SIDE_PX, palette::FLOOR);
-    ColorImage::new([BIRDS_EYE_SIDE_PX, BIRDS_EYE_SIDE_PX], colours)
-}
-
 /// Heat map over the carpet of `value`, a distance (m), at each cell's centre; the first row is at the top.
 ///
 /// Runs on this thread only: the rayon pool belongs to the pipeline.

@@ -5,6 +5,7 @@
 //! separate threads. The pipeline's threads never wait for the view.
 
 mod accessibility;
+mod birds_eye;
 mod brush;
 pub(crate) mod calibration_job;
 mod calibration_state;

@@ -3,7 +3,7 @@
 use localize::{At, FieldFrame, RobotFrame};
 use vision::image::{Image, rgb_to_yuv};
 
-use super::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
+use super::birds_eye::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use super::session::Session;
 
 /// A pixel of the camera image.

@@ -121,7 +121,7 @@ impl StaticScene {
 
 impl CameraModel {
     /// The map's correction, ready for many points. None while the given map is in use.
-    fn prepare_correction(
+    pub(crate) fn prepare_correction(
         &self,
         correction: Option<&MapCorrectionEstimate>,
     ) -> Option<PreparedBasis<'_>> {
@@ -152,7 +152,7 @@ impl CameraModel {
 }
 
 /// The point that the given map shows where the corrected one shows `corrected`. Corrections are small and smooth.
-fn invert_displacement(correction: &PreparedBasis<'_>, corrected: [f32; 2]) -> [f32; 2] {
+pub(super) fn invert_displacement(correction: &PreparedBasis<'_>, corrected: [f32; 2]) -> [f32; 2] {
     let mut given = corrected;
     for _ in 0..INVERSION_STEPS {
         let [x, y] = correction.displace(given).at;

@@ -12,8 +12,9 @@ use vision::image::Image;
 
 use super::camera_drawing::{self, CameraCanvas};
 use super::camera_layers::CameraLayers;
+use crate::view::birds_eye::BIRDS_EYE_SIDE_PX;
 use crate::view::brush::Tool;
-use crate::view::layer_worker::{BIRDS_EYE_SIDE_PX, LayerSelection};
+use crate::view::layer_worker::LayerSelection;
 use crate::view::panzoom::{PanZoom, ScreenTransform, fill_around};
 use crate::view::pixel_info::PixelInfo;
 use crate::view::session::Session;

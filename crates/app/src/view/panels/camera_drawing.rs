@@ -12,7 +12,7 @@ use vision::lines::detection::RejectionReason;
 use vision::objects::goals::GoalKind;
 
 use super::camera_layers::CameraLayers;
-use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
+use crate::view::birds_eye::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
 use crate::view::static_scene::{StaticScene, View};
@@ -220,8 +220,15 @@ pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
         }
     }
     if layers.line_points {
+        let correction = canvas.cycle.estimate.map_correction.as_ref();
+        let camera = canvas.scene.camera.as_ref();
+        let correction = camera.and_then(|camera| camera.prepare_correction(correction));
         for point in &canvas.cycle.line_points {
-            canvas.draw_plus(to_screen(point.at), 3.0, palette::LINE_POINT);
+            let at = correction.as_ref().map_or(point.at, |correction| {
+                let [x, y] = correction.displace([point.at.x, point.at.y]).at;
+                At::new(x, y)
+            });
+            canvas.draw_plus(to_screen(at), 3.0, palette::LINE_POINT);
         }
     }
     let Some(detections) = &canvas.cycle.detections else {
