@@ -85,7 +85,7 @@ mod tests {
             pose: Some(StampedPose::new(Stamp(i64::MAX), pose, &covariance)),
             half: Some(HalfState {
                 log_odds: -third,
-                withheld: -1e-7,
+                withheld: -0.25,
                 established: false,
             }),
             exposure: None,
@@ -98,7 +98,7 @@ mod tests {
             WarmStart::from_toml(&WarmStart::default().to_toml()).expect("read"),
             WarmStart::default()
         );
-        for number in ["-0.1", "-1e-7"] {
+        for number in ["-0.1", "-0.25"] {
             let infinite = state.to_toml().replace(number, "inf");
             assert_ne!(infinite, state.to_toml());
             WarmStart::from_toml(&infinite).expect_err("not finite");
