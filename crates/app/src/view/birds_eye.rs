@@ -137,7 +137,7 @@ mod tests {
         };
         let prepared = camera.prepare_correction(Some(&tilted)).expect("in use");
         let shifts = shifts(camera, Some(&tilted));
-        assert!(differ(&shifts, &vec![[0.0; 2]; NODES * NODES]));
+        assert!(differ(&shifts, &[[0.0; 2]; NODES * NODES]));
         for (row, column) in [(150.5, 310.5), (240.5, 480.5), (420.5, 200.5)] {
             let ([x, y], [dx, dy]) = (ground(row, column), interpolate(&shifts, row, column));
             // What the given map calls this point, the correction puts where the view shows it.
