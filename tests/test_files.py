@@ -163,7 +163,22 @@ def shift_digit(found: re.Match[bytes]) -> bytes:
     return found[1] + str((int(found[2]) + 3) % 10).encode()
 
 
-def test_log_after_a_full_disk_takes_a_free_name_and_verifies_from_the_state_that_it_holds(tmp_path: Path) -> None:
+def without_compass(robot: Path) -> None:
+    """Nothing tells the robot's half of the field from the other one."""
+    for name, section in (("robot.toml", r"\[compass\]"), ("hardware.toml", None)):
+        text = (robot / name).read_text()
+        if section is None:
+            changed = text.replace("compass = true", "compass = false")
+        else:
+            changed = re.sub(section + r"\n(?:[^\[\n].*\n)*", "", text)
+        assert changed != text, name
+        (robot / name).write_text(changed)
+
+
+@pytest.mark.parametrize("half_known", [True, False])
+def test_log_after_a_full_disk_takes_a_free_name_and_verifies_from_the_state_that_it_holds(
+    tmp_path: Path, half_known: bool
+) -> None:
     robot, log, earlier, messages = (tmp_path / name for name in ("robot", "game.mcap", "game.2.mcap", "messages"))
     earlier.write_text("of an earlier run")
     with socket.socket(type=socket.SOCK_DGRAM) as states:
@@ -180,6 +195,8 @@ def test_log_after_a_full_disk_takes_a_free_name_and_verifies_from_the_state_tha
         while not (robot / "hardware.toml").exists():
             assert time.monotonic() < until
             time.sleep(0.02)
+        if not half_known:
+            without_compass(robot)
         with messages.open("w") as stderr:
             play = subprocess.Popen(
                 [PROGRAM, "run", "--robot", robot, "--record", log, "--network", network, "--json"],
@@ -200,13 +217,14 @@ def test_log_after_a_full_disk_takes_a_free_name_and_verifies_from_the_state_tha
         while "the log can be verified from the next cycle on" not in messages.read_text():
             assert time.monotonic() < until, messages.read_text()
             states.recv(65535)
-        for _ in range(60):
-            states.recv(65535)
+        halves = [pose["half_known"] for _ in range(60) if (pose := json.loads(states.recv(65535))["pose"]) is not None]
         play.send_signal(signal.SIGTERM)
         out, _ = play.communicate(timeout=60)
         sim.terminate()
         sim.wait(30)
     assert play.returncode == 0, messages.read_text()
+    # The new pipeline knows no more about the half than the one before.
+    assert len(halves) > 30 and set(halves) == {half_known}, halves
     assert earlier.read_text() == "of an earlier run"
     summary = json.loads(out)["log"]
     assert [Path(file).name for file in summary["files"]] == ["game.mcap", "game.3.mcap"]

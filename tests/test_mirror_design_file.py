@@ -158,9 +158,10 @@ def test_invalid_arguments_raise_builtin_exceptions(tmp_path: Path) -> None:
         Field(tmp_path / "none.toml")
     with pytest.raises(ValueError, match="folds back"):
         Profile(radius_m=np.array([0.0, 0.1, 0.2, 0.15, 0.3]), height_m=np.ones(5))
-    low = Camera(width_px=10, height_px=10, focal_px=-5.0, pinhole_height_m=0.6)
+    with pytest.raises(ValueError, match=r"invalid focal_px: -5.0 \(expected a number above 0\)"):
+        Camera(width_px=10, height_px=10, focal_px=-5.0, pinhole_height_m=0.6)
     with pytest.raises(ValueError, match="focal_px"):
-        trace_rays(camera=low, profile=lima2001().profile())
+        trace_rays(camera=Camera(width_px=10, height_px=10), profile=lima2001().profile())
     with pytest.raises(ValueError, match="finite"):
         render(camera=fit_camera(lima2001()), profile=lima2001().profile(), field=Field(), pose=(float("nan"), 0.0, 0.0))
 

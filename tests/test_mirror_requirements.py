@@ -94,7 +94,7 @@ def test_optimised_part_realises_its_target_map() -> None:
     [
         ([MaxDiameter(diameter_m=0.1)], "nothing says what the mirror should see"),
         ([Resolution(from_m=2.0, to_m=1.0, px_per_m=10.0)], "from_m must be less than to_m"),
-        ([Heights(at_m=float("nan"), to_height_m=1.0)], "at_m = nan"),
+        ([Heights(at_m=-1.0, to_height_m=1.0)], "at_m = -1.0"),
         (
             [Resolution(from_m=0.5, to_m=6.0, px_per_m=200.0, hard=True)],
             "no mirror .* can have: radial resolution 200 px/m",

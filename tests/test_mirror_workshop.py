@@ -1,13 +1,17 @@
 """What a workshop and a buyer get: drawing, cost of imperfections, the papers' figures, one's own hall in the mirror."""
 
+import json
+import re
+import subprocess
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
 from conftest import ROOT
-from mirrorball import Mount, ground_map
+from mirrorball import Camera, Mount, Profile, ground_map, trace_points
 from mirrorball.mirror import (
     REFERENCE_DESIGNS,
     compare_with_papers,
@@ -49,6 +53,57 @@ def test_drawing_is_written_with_the_deviation_of_its_table(tmp_path: Path) -> N
     written = write_pdf(nubot2013(), tmp_path / "mirror.pdf")
     assert written.path.read_bytes().startswith(b"%PDF") and 1e-7 < written.deviation_m < 1e-4
     assert write_pdf(minho_like(), tmp_path / "mirror.png").path.stat().st_size > 20_000
+
+
+def test_drawing_is_an_a3_sheet_to_scale_as_pdf_and_as_svg(tmp_path: Path) -> None:
+    mirror = lima2001()
+    page = write_pdf(mirror, tmp_path / "mirror.pdf").path.read_bytes()
+    (box,) = re.findall(rb"/MediaBox \[ ([\d. ]+) \]", page)
+    assert [float(value) / 72.0 * 25.4 for value in box.split()] == pytest.approx([0.0, 0.0, 420.0, 297.0], abs=0.01)
+    root = ElementTree.parse(write_pdf(mirror, tmp_path / "mirror.svg").path).getroot()
+    mm = 25.4 / 72.0
+    assert [mm * float(root.attrib[side].removesuffix("pt")) for side in ("width", "height")] == pytest.approx([420.0, 297.0])
+    # Half the size: the section's rim lies 57.6 mm off the axis on either side, and so do the ends of its parts.
+    lines = [path.attrib.get("d", "") for path in root.iter("{http://www.w3.org/2000/svg}path")]
+    ends = np.array([mm * float(x) for line in lines for x in re.findall(r"[ML] ([\d.]+) [\d.]+", line)])
+    section = [segment.t_to * segment.end()[0] for segment in mirror.segments]
+    axis = 115.5
+    for radius in section:
+        for side in (axis - 500.0 * radius, axis + 500.0 * radius):
+            assert np.abs(ends - side).min() < 0.01
+
+
+def test_design_says_what_it_assumes_and_what_to_build(tmp_path: Path) -> None:
+    command: list[str | Path] = [
+        ROOT / "target/release/mirrorball",
+        "mirror",
+        "design",
+        "nubot2013",
+        "--out",
+        tmp_path / "m.csv",
+    ]
+    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    for words in ("a pinhole camera", "looks straight up", "flat floor", "focal_px", "pinhole_height_m", "apex_above_ground_m"):
+        assert words in text
+    told = json.loads(subprocess.run([*command, "--json"], check=True, capture_output=True, text=True).stdout)
+    # A robot built by these numbers alone sees each part's ground where the design says, by the crates' tracer.
+    width, height = map(int, told["camera"]["image_px"].split(" × "))
+    focal, pinhole = told["camera"]["focal_px"], told["camera"]["pinhole_height_m"]
+    camera = Camera(width_px=width, height_px=height, focal_px=focal, pinhole_height_m=pinhole)
+    built = Profile.load(tmp_path / "m.csv")
+    assert built.height_m[0] == pytest.approx(told["apex_above_ground_m"], abs=1e-6)
+    assert built.height_m[-1] == pytest.approx(told["rim_above_ground_m"], abs=1e-6)
+    assert 2.0 * built.radius_m[-1] == pytest.approx(told["diameter_m"], abs=1e-6)
+    seen = 0
+    for part in told["parts"]:
+        if part["ground_to_m"] is None:
+            continue
+        u_px = camera.centre_px[0] + focal * (part["until_t"] - 5e-5)
+        origin, ray = trace_points(camera=camera, profile=built, u_px=[u_px], v_px=[camera.centre_px[1]])
+        distance = np.hypot(*(origin[0, :2] - origin[0, 2] / ray[0, 2] * ray[0, :2]))
+        assert distance == pytest.approx(part["ground_to_m"], rel=3e-3)
+        seen += 1
+    assert seen >= 1
 
 
 def test_cost_of_a_tilt_is_the_difference_of_two_ground_maps() -> None:

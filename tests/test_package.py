@@ -37,6 +37,7 @@ EXAMPLES: dict[str, list[str | Path]] = {
     ],
     "lima2001": ["--out", "{out}/lima2001.png"],
     "minho_like": ["--out", "{out}/minho.png"],
+    "measure_pipeline": [ROOT / "samples/sequence", "--rounds", "1"],
     "mirror_from_requirements": ["--out", "{out}/wishes.png"],
     "nubot2013": ["--out", "{out}/nubot.png"],
     "sphere_cone_1999": ["--out", "{out}/sphere.png"],

@@ -109,13 +109,22 @@ class Team:
         team = f'\n[team]\ngroup = "{GROUP}:{self.port}"\nrobot = 1\nmembers = [1, 2, 3]\n'
         network.write_text(network.read_text() + team)
 
-    def send(self, robot: int, sequence: int) -> None:
-        now = time.monotonic_ns() + AHEAD_NS
+    def send(self, robot: int, sequence: int, *, sent_ns: int | None = None, echo: bytes = b"") -> None:
+        now = time.monotonic_ns() + AHEAD_NS if sent_ns is None else sent_ns
         pose = b"".join(struct.pack("<Bf", field << 3 | 5, value) for field, value in ((1, 1.0), (2, 1.0), (3, 0.0)))
         pose += varint(4 << 3 | 2) + varint(12) + struct.pack("<3f", 0.1, 0.1, 0.1)
         content = number(1, 1) + number(2, 1) + number(3, robot) + number(4, self.session) + number(5, sequence)
-        content += signed(6, now) + signed(7, now) + varint(9 << 3 | 2) + varint(len(pose)) + pose
+        content += signed(6, now) + signed(7, now) + echo + varint(9 << 3 | 2) + varint(len(pose)) + pose
         self.socket.sendto(content, (GROUP, self.port))
+
+    def stamp_of_robot_1(self) -> int:
+        """Time at which robot 1 sent its next message, by its own clock."""
+        until = time.monotonic() + 60
+        while time.monotonic() < until:
+            found = dict(fields(self.socket.recv(65535)))
+            if found.get(3) == 1 and isinstance(sent := found[6], int):
+                return (sent >> 1) ^ -(sent & 1)
+        raise AssertionError("no message of robot 1")
 
     def received_by_robot_1(self) -> set[int]:
         """The robots whose messages the next message of robot 1 echoes."""
@@ -199,5 +208,39 @@ def test_forged_senders_do_not_keep_a_team_mate_out(tmp_path: Path, states: Stat
         team.send(2, sequence)
     run.send_signal(signal.SIGTERM)
     assert 2 in {mate["robot"] for mate in ended(run)["team"]}
+    sim.send_signal(signal.SIGTERM)
+    ended(sim)
+
+
+def test_stated_uncertainty_covers_the_true_clock_offset(tmp_path: Path, states: StateOutput, team: Team) -> None:  # noqa: F811
+    sim = hardware(tmp_path / "robot")
+    run = start("run", "--robot", tmp_path / "robot", "--network", states.network, "--json")
+    states.wait(3)
+    began_ns = time.monotonic_ns()
+    # Its messages need that long to robot 1, and nothing back: the worst that a symmetric estimate can meet.
+    delay_s = 0.04
+
+    def clock_of_robot_2(own_ns: int) -> int:
+        """A clock that is ahead and runs 400 ppm fast."""
+        return own_ns + AHEAD_NS + (own_ns - began_ns) * 400 // 1_000_000
+
+    for sequence in range(1, 31):
+        echoed_ns = team.stamp_of_robot_1()
+        arrived_ns = clock_of_robot_2(time.monotonic_ns())
+        time.sleep(0.005)
+        sent_ns = clock_of_robot_2(time.monotonic_ns())
+        echo = number(1, 1) + signed(2, echoed_ns) + signed(3, sent_ns - arrived_ns)
+        time.sleep(delay_s)
+        team.send(2, sequence, sent_ns=sent_ns, echo=varint(8 << 3 | 2) + varint(len(echo)) + echo)
+    states.wait(3)
+    interrupted_ns = time.monotonic_ns()
+    run.send_signal(signal.SIGTERM)
+    (mate,) = ended(run)["team"]
+    stated_ns, uncertainty_ns = mate["clock_offset_ns"], mate["clock_uncertainty_ns"]
+    errors = [abs(stated_ns + clock_of_robot_2(at) - at) for at in (interrupted_ns, time.monotonic_ns())]
+    # The report was made between the two.
+    assert min(errors) <= uncertainty_ns, (mate, errors)
+    # Neither is the error small here, nor is the bound far above the half of the delay.
+    assert min(errors) > 0.4 * delay_s * 1e9 and uncertainty_ns < 3 * delay_s * 1e9, (mate, errors)
     sim.send_signal(signal.SIGTERM)
     ended(sim)

@@ -6,6 +6,8 @@ import signal
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from test_robot import StateOutput, ended, free_port, hardware, start, states  # noqa: F401
 from test_stream import Viewer
 
@@ -30,6 +32,11 @@ class Tuner(Viewer):
             seal = hmac.new(key.encode(), content, "sha256").digest()[:16].hex()
             parameters.append({"name": "tuning.seal", "value": seal})
         self.send(json.dumps({"op": "setParameters", "parameters": parameters, "id": "set"}).encode())
+
+    def set_plainly(self, **parameters: object) -> None:
+        """As Foxglove's own panel does: a parameter by its name, without a seal."""
+        values = [{"name": name.replace("__", "."), "value": value} for name, value in parameters.items()]
+        self.send(json.dumps({"op": "setParameters", "parameters": values, "id": "set"}).encode())
 
     def wait_for_message(self, text: str) -> None:
         for _ in range(100_000):
@@ -71,3 +78,46 @@ def test_settings_change_between_two_images_and_the_log_verifies(tmp_path: Path,
     assert len(changes) == 2 and all("range_max" in change for change in changes), report["changes"]
     verified = ended(start("replay", log, "--verify", "--json"))["verified"]
     assert verified["identical"] and verified["cycles"] > 10, verified
+
+
+@pytest.mark.parametrize("key", [None, KEY])
+def test_parameters_of_foxglove_are_refused_under_a_key_and_revoked_without(
+    tmp_path: Path,
+    states: StateOutput,  # noqa: F811
+    key: str | None,
+) -> None:
+    name = "vision.scan.range_max"
+    port = free_port()
+    sim = hardware(tmp_path / "robot")
+    sealed = f'key = "{key}"\n' if key else ""
+    states.network.write_text(states.network.read_text() + f"\n[stream]\nport = {port}\ntuning = true\n{sealed}")
+    run = start("run", "--robot", tmp_path / "robot", "--network", states.network, "--json")
+    states.wait(10)
+    tuner = Tuner(port)
+    before = tuner.parameters(name)[name]
+    if key is None:
+        tuner.set_plainly(vision__scan__range_max=7.5)
+        tuner.wait_for_message(f"{name} {before:g} → 7.5")
+        assert tuner.parameters(name) == {name: 7.5}
+        tuner.set_plainly(tuning__revoke=True)
+        tuner.wait_for_message(f"{name} 7.5 → {before:g}")
+        expected = 2
+    else:
+        # Changed with a seal, so that there is something to revoke.
+        tuner.change(f"{name} = 7.5\n", key)
+        tuner.wait_for_message(f"{name} {before:g} → 7.5")
+        for plain in ({"vision__scan__range_max": 6.5}, {"tuning__revoke": True}, {"tuning__overlay": f"{name} = 6.5\n"}):
+            # The message of the refusal, not that of the one before.
+            tuner.change("vision.scan.range_max = -1\n", key)
+            tuner.wait_for_message("must be between")
+            tuner.set_plainly(**plain)
+            tuner.wait_for_message("no seal")
+        expected = 1
+    states.wait(20)
+    assert tuner.parameters(name)[name] == (before if key is None else 7.5)
+    Viewer.close_all()
+    run.send_signal(signal.SIGTERM)
+    changes = [change["reason"] for change in ended(run)["changes"] if change["device"] == "settings"]
+    assert len(changes) == expected, changes
+    sim.send_signal(signal.SIGTERM)
+    ended(sim)

@@ -34,7 +34,7 @@ print("normalised error squared:", run["nees"].mean())
 
 # %%
 odometry = table(log, "/odometry")
-print("metres by the wheels:", (odometry["dx"] ** 2 + odometry["dy"] ** 2).pow(0.5).sum())
+print("metres by the wheels:", (odometry["dx_m"] ** 2 + odometry["dy_m"] ** 2).pow(0.5).sum())
 
 # %% [markdown]
 # Everything on one page.

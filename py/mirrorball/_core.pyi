@@ -1,6 +1,6 @@
 """Types of the compiled half."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any, final
@@ -38,18 +38,20 @@ __all__ = [
     "trace_rays",
 ]
 
+_Vector = Sequence[float] | NDArray[np.floating[Any]]
+
 @final
 class Profile:
     """A mirror of revolution: height above the ground over radius, smooth between its samples."""
 
-    def __new__(cls, *, radius_m: NDArray[np.float64], height_m: NDArray[np.float64]) -> Profile: ...
+    def __new__(cls, *, radius_m: ArrayLike, height_m: ArrayLike) -> Profile: ...
     @staticmethod
     def load(path: str | PathLike[str]) -> Profile: ...
     @property
     def radius_m(self) -> NDArray[np.float64]: ...
     @property
     def height_m(self) -> NDArray[np.float64]: ...
-    def height_and_slope(self, radius_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def height_and_slope(self, radius_m: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
     def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
 @final
@@ -63,7 +65,7 @@ class Camera:
         height_px: int,
         focal_px: float | None = None,
         pinhole_height_m: float | None = None,
-        centre_px: tuple[float, float] | None = None,
+        centre_px: _Vector | None = None,
         forward_deg: float = 90.0,
         flipped: bool = True,
         outer_radius_px: float | None = None,
@@ -97,9 +99,9 @@ class Mount:
     def __new__(
         cls,
         *,
-        lean_deg: tuple[float, float] = ...,
-        mirror_tilt_deg: tuple[float, float] = ...,
-        mirror_offset_m: tuple[float, float] = ...,
+        lean_deg: _Vector = (0.0, 0.0),
+        mirror_tilt_deg: _Vector = (0.0, 0.0),
+        mirror_offset_m: _Vector = (0.0, 0.0),
         mirror_raise_m: float = 0.0,
     ) -> Mount: ...
     def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
@@ -108,7 +110,7 @@ class Mount:
 class GroundMap:
     """Pixel → ground point in the robot frame, rows × columns."""
 
-    def __new__(cls, *, x_m: NDArray[np.float32], y_m: NDArray[np.float32]) -> GroundMap: ...
+    def __new__(cls, *, x_m: ArrayLike, y_m: ArrayLike) -> GroundMap: ...
     @property
     def x_m(self) -> NDArray[np.float32]: ...
     @property
@@ -127,8 +129,8 @@ def trace_points(
     *,
     camera: Camera,
     profile: Profile,
-    u_px: NDArray[np.float64],
-    v_px: NDArray[np.float64],
+    u_px: ArrayLike,
+    v_px: ArrayLike,
     mount: Mount | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Origin (metres) and unit direction of the rays of n image points: n × 3, NaN off the mirror."""
@@ -154,10 +156,10 @@ def render(
     camera: Camera,
     profile: Profile,
     field: Field,
-    pose: tuple[float, float, float],
+    pose: _Vector,
     mount: Mount | None = None,
-    ball: tuple[float, float] | None = None,
-    robots: list[tuple[float, float, float]] = ...,
+    ball: _Vector | None = None,
+    robots: ArrayLike = (),
     own_body: bool = True,
     exposure: float = 1.0,
     blur_px: float = 1.3,
@@ -172,6 +174,9 @@ class ColourTable:
     @staticmethod
     def load(path: str | PathLike[str]) -> ColourTable: ...
     def save(self, path: str | PathLike[str]) -> None: ...
+    @staticmethod
+    def from_bytes(content: bytes) -> ColourTable: ...
+    def to_bytes(self) -> bytes: ...
     @property
     def names(self) -> list[str]: ...
     def classify(self, image: NDArray[Any]) -> NDArray[np.uint8]: ...
@@ -184,67 +189,67 @@ class Vision:
         cls,
         *,
         map: GroundMap,
+        line_width_m: float,
         camera: Camera | None = None,
         mask: NDArray[np.bool_] | None = None,
-        line_width_m: float = 0.125,
-        settings_toml: str | None = None,
+        settings: str | None = None,
     ) -> Vision: ...
     @property
     def scan_pixels(self) -> int: ...
     @property
     def scan_coverage(self) -> float: ...
-    def set_colour_table(self, table: ColourTable) -> None: ...
+    def set_colour_table(self, colours: ColourTable) -> None: ...
     def reset_colour_model(self) -> None: ...
     def process(self, image: NDArray[Any]) -> dict[str, Any]: ...
 
 def calibrate_strip(
     *,
     camera: Camera,
-    images: list[NDArray[Any]],
-    directions_rad: list[float],
+    images: Sequence[NDArray[Any]],
+    directions_rad: ArrayLike,
     first_edge_m: float,
     spacing_m: float,
     bars: int,
     width_m: float,
-    first_bar: str = "black",
+    first_bar: str,
 ) -> tuple[GroundMap, float, list[tuple[int, int, float, str | None]]]: ...
 def calibrate_lines(
     *,
     camera: Camera,
     start: GroundMap,
     field: Field,
-    images: list[NDArray[Any]],
-    settings_toml: str | None = None,
+    images: Sequence[NDArray[Any]],
+    settings: str | None = None,
 ) -> tuple[GroundMap, float, float, list[tuple[int, int, float, str | None]]]: ...
-def calibrate_mask(*, camera: Camera, images: list[NDArray[Any]]) -> NDArray[np.bool_]: ...
+def calibrate_mask(*, camera: Camera, images: Sequence[NDArray[Any]]) -> NDArray[np.bool_]: ...
 def calibrate_sizes(
     *,
     map: GroundMap,
-    images: list[NDArray[Any]],
+    images: Sequence[NDArray[Any]],
+    line_width_m: float,
     camera: Camera | None = None,
-    line_width_m: float = 0.125,
-    settings_toml: str | None = None,
+    settings: str | None = None,
 ) -> list[tuple[str, NDArray[np.float32]]]: ...
 def learn_colours(
     *,
     map: GroundMap,
-    images: list[NDArray[Any]],
+    images: Sequence[NDArray[Any]],
+    line_width_m: float,
+    over: str,
     camera: Camera | None = None,
-    line_width_m: float = 0.125,
-    over: str = "yuv",
-    settings_toml: str | None = None,
+    settings: str | None = None,
 ) -> tuple[ColourTable, list[tuple[int, int, float, str | None]]]: ...
-def colours_from_labels(path: str | PathLike[str], *, over: str = "yuv") -> ColourTable: ...
+def colours_from_labels(path: str | PathLike[str], *, over: str) -> ColourTable: ...
 def simulate(
     scenario: str | PathLike[str],
     *,
+    preset: str,
+    images: str,
     seed: int | None = None,
     duration_s: float | None = None,
-    preset: str = "default",
     change: dict[str, Any] | None = None,
     config: dict[str, Any] | str | PathLike[str] | None = None,
     record: str | PathLike[str] | None = None,
-    images: str = "png",
     progress: Callable[[float], object] | None = None,
 ) -> dict[str, Any]:
     """Runs a scenario and returns its summary, the same as `mirrorball sim --json` prints."""
@@ -260,25 +265,25 @@ class Simulation:
         cls,
         scenario: str | PathLike[str],
         *,
+        images: bool,
         seed: int | None = None,
         duration_s: float | None = None,
         change: dict[str, Any] | None = None,
-        images: bool = True,
     ) -> Simulation: ...
     @property
     def duration_s(self) -> float: ...
     @property
     def time_s(self) -> float: ...
     def next_sample(self) -> tuple[Any, ...]: ...
-    def command(self, velocity: tuple[float, ...] | None) -> None: ...
-    def kidnap(self, pose: tuple[float, ...]) -> None: ...
-    def push(self, impulse: tuple[float, ...]) -> None: ...
-    def place_ball(self, position: tuple[float, ...], velocity: tuple[float, ...]) -> None: ...
-    def place_robot(self, index: int, pose: tuple[float, ...]) -> None: ...
+    def command(self, velocity: _Vector | None) -> None: ...
+    def kidnap(self, pose: _Vector) -> None: ...
+    def push(self, impulse: _Vector) -> None: ...
+    def place_ball(self, position: _Vector, velocity: _Vector) -> None: ...
+    def place_robot(self, index: int, pose: _Vector) -> None: ...
     def set_light(self, level: float | None) -> None: ...
     def set_camera(self, exposure: float, gain: float) -> None: ...
     def apply_camera_command(self, cycle: Cycle) -> None: ...
-    def pipeline(self, *, preset: str = "default", config: dict[str, Any] | str | PathLike[str] | None = None) -> Pipeline: ...
+    def pipeline(self, *, preset: str, config: dict[str, Any] | str | PathLike[str] | None = None) -> Pipeline: ...
 
 @final
 class Pipeline:
@@ -287,22 +292,22 @@ class Pipeline:
     def __new__(
         cls,
         *,
+        preset: str,
         robot: str | PathLike[str] | None = None,
         field: Field | None = None,
         map: str | PathLike[str] | None = None,
-        preset: str = "default",
         config: dict[str, Any] | str | PathLike[str] | None = None,
     ) -> Pipeline: ...
-    def odometry(self, stamp_s: float, motion: tuple[float, float, float]) -> None: ...
+    def odometry(self, stamp_s: float, motion: _Vector) -> None: ...
     def imu(
         self,
         stamp_s: float,
-        specific_force_mps2: tuple[float, float, float],
-        angular_velocity_radps: tuple[float, float, float],
+        specific_force_mps2: _Vector,
+        angular_velocity_radps: _Vector,
     ) -> None: ...
-    def compass(self, stamp_s: float, heading_rad: float, magnetic_field: tuple[float, float] | None = None) -> None: ...
-    def command(self, stamp_s: float, velocity: tuple[float, float, float]) -> None: ...
-    def set_pose(self, stamp_s: float, pose: tuple[float, float, float], std: tuple[float, float, float]) -> None: ...
+    def compass(self, stamp_s: float, heading_rad: float, magnetic_field: _Vector | None = None) -> None: ...
+    def command(self, stamp_s: float, velocity: _Vector) -> None: ...
+    def set_pose(self, stamp_s: float, pose: _Vector, std: _Vector) -> None: ...
     def image(self, stamp_s: float, image: NDArray[Any]) -> Cycle: ...
     def points(self, stamp_s: float, points: ArrayLike, std_m: float) -> Cycle: ...
 
@@ -340,16 +345,18 @@ class LogReader:
     def schemas(self) -> dict[str, str]: ...
     def files(self) -> dict[str, bytes]: ...
     def columns(
-        self, topic: str, *, elements: list[str] = ..., start_ns: int | None = None, end_ns: int | None = None
+        self, topic: str, *, elements: Sequence[str], start_s: float | None = None, stop_s: float | None = None
     ) -> dict[str, NDArray[Any]]: ...
     def rows(
-        self, topic: str, field: str, *, start_ns: int | None = None, end_ns: int | None = None
+        self, topic: str, field: str, *, start_s: float | None = None, stop_s: float | None = None
     ) -> dict[str, NDArray[Any]]: ...
     def log_times(self, topic: str) -> NDArray[np.uint64]: ...
     def messages(
-        self, topics: list[str] = ..., *, start_ns: int | None = None, end_ns: int | None = None
+        self, topics: Sequence[str], *, start_s: float | None = None, stop_s: float | None = None
     ) -> Iterator[tuple[str, int, Any]]: ...
-    def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[tuple[int, NDArray[np.uint8]]]: ...
+    def images(
+        self, *, start_s: float | None = None, stop_s: float | None = None
+    ) -> Iterator[tuple[int, NDArray[np.uint8]]]: ...
 
 def findings(path: str | PathLike[str]) -> tuple[int, list[tuple[str, str, float, float, float, float, list[str], str]]]:
     """Number of cycles of a log, and its findings in order of time.

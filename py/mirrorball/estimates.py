@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball import _core
+from mirrorball.records import Record, equal
 from mirrorball.tables import Table, structured_array
 from mirrorball.vision import Detections, detections_from_columns
 
 __all__ = ["Cycle", "Estimate", "Fit", "Pose", "RunnerUp", "TrackedObject"]
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 class Pose(NamedTuple):
@@ -46,8 +51,8 @@ class Fit(NamedTuple):
     """Mean cosine of the compass's deviation; None before enough readings."""
 
 
-@dataclass(frozen=True)
-class Estimate:
+@dataclass(frozen=True, eq=False)
+class Estimate(Record):
     """The robot's pose after one image. Two estimates are equal if all of their numbers are."""
 
     stamp_s: float
@@ -75,11 +80,6 @@ class Estimate:
     runners_up: tuple[RunnerUp, ...]
     fit: Fit
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Estimate) and _equal_fields(self, other)
-
-    __hash__ = None  # type: ignore[assignment]
-
     @classmethod
     def from_core(cls, cycle: _core.Cycle) -> Estimate:
         """The estimate of a compiled cycle."""
@@ -91,8 +91,8 @@ class Estimate:
         return cls(**fields)
 
 
-@dataclass(frozen=True)
-class TrackedObject:
+@dataclass(frozen=True, eq=False)
+class TrackedObject(Record):
     """A ball or a robot that is tracked from image to image."""
 
     id: int
@@ -113,11 +113,6 @@ class TrackedObject:
     last_seen_s: float
     team: str | None
     """Colour of its team: cyan or magenta."""
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, TrackedObject) and _equal_fields(self, other)
-
-    __hash__ = None  # type: ignore[assignment]
 
 
 class Cycle:
@@ -200,9 +195,8 @@ class Cycle:
         """Equal results; durations differ from run to run."""
         if not isinstance(other, Cycle):
             return NotImplemented
-        names = ("image_fault", "camera_command", "estimate", "ball", "robots", "detections")
-        same = all(getattr(self, name) == getattr(other, name) for name in names)
-        return same and np.array_equal(self.line_points, other.line_points)
+        names = ("image_fault", "camera_command", "estimate", "ball", "robots", "detections", "line_points")
+        return all(equal(getattr(self, name), getattr(other, name)) for name in names)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -217,7 +211,3 @@ class Cycle:
         if self._core is None:
             raise ValueError("a copied cycle has no compiled half")
         return self._core
-
-
-def _equal_fields(one: Any, other: Any) -> bool:
-    return all(np.array_equal(value, vars(other)[name]) for name, value in vars(one).items())

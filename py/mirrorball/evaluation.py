@@ -14,9 +14,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from mirrorball.arguments import checked
 from mirrorball.html_page import picture, table, write
 
 __all__ = ["write_page"]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 COLOURS = ("#1b6ca8", "#c8553d", "#3b8a4f", "#8a5fa8", "#b98b1d", "#4a4a4a", "#6aa9c9", "#999999")
 # The papers draw truth black and estimates red.
@@ -26,6 +32,7 @@ Part = dict[str, Any]
 Columns = dict[str, NDArray[Any]]
 
 
+@checked
 def write_page(folder: str | Path) -> Path:
     """Writes index.html into the folder of an evaluation, from results.json and the CSV files next to it."""
     folder = Path(folder)

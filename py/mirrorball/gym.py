@@ -19,6 +19,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorball.arguments import checked
 from mirrorball.estimates import Cycle
 from mirrorball.pipeline import Config
 from mirrorball.simulation import Simulation, Step
@@ -48,6 +49,7 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (the name and form are Gymnasium's)
 
+    @checked
     def __init__(
         self,
         scenario: str | Path,
@@ -61,8 +63,6 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
         config: Config | None = None,
         render_mode: str | None = None,
     ) -> None:
-        if observe not in ("truth", "estimate", "image"):
-            raise ValueError(f"invalid observe: {observe!r} (expected truth, estimate or image)")
         self.observe = observe
         self.render_mode = render_mode
         self._scenario, self._change, self._duration_s = Path(scenario), dict(change or {}), duration_s

@@ -15,12 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball._core import LogError, LogReader
+from mirrorball.records import Record
 
 __all__ = ["Log", "LogError", "LogMessage"]
 
 
-@dataclass(frozen=True)
-class LogMessage:
+def __dir__() -> list[str]:
+    return __all__
+
+
+@dataclass(frozen=True, eq=False)
+class LogMessage(Record):
     """One message: its topic, when it was logged (seconds), and its fields as attributes.
 
     Lists of numbers are numpy arrays. An absent message or optional value is None.
@@ -35,8 +40,8 @@ class Log:
     """An MCAP log. Iterating and `columns` read the file anew each time, and hold one chunk of it."""
 
     def __init__(self, path: str | Path) -> None:
+        self._reader = LogReader(path)
         self.path = Path(path)
-        self._reader = LogReader(self.path)
         self.complete = self._reader.complete
         """False if its writer was killed; then it is read from the start to its last complete chunk."""
         self.about = self._reader.metadata
@@ -71,9 +76,8 @@ class Log:
         Those of one topic come in the order of their stamps, those of different topics chunk by chunk: an image
         precedes its annotations.
         """
-        start_ns, end_ns = _nanoseconds(start_s), _nanoseconds(stop_s)
-        for topic, stamp_ns, message in self._reader.messages(list(topics), start_ns=start_ns, end_ns=end_ns):
-            yield LogMessage(topic, 1e-9 * stamp_ns, message)
+        found = self._reader.messages(topics, start_s=start_s, stop_s=stop_s)
+        return (LogMessage(topic, 1e-9 * stamp_ns, message) for topic, stamp_ns, message in found)
 
     def columns(
         self,
@@ -89,8 +93,7 @@ class Log:
         `a_count`. Nanosecond stamps (`…_ns`) are int64, −1 where absent. `elements` adds columns of single list
         elements: "estimate.covariance[0]" becomes `estimate_covariance_0`.
         """
-        start_ns, end_ns = _nanoseconds(start_s), _nanoseconds(stop_s)
-        return self._reader.columns(topic, elements=list(elements), start_ns=start_ns, end_ns=end_ns)
+        return self._reader.columns(topic, elements=elements, start_s=start_s, stop_s=stop_s)
 
     def rows(
         self, topic: str, field: str, *, start_s: float | None = None, stop_s: float | None = None
@@ -99,7 +102,7 @@ class Log:
 
         `field` names a list of messages ("team.mates") or a message of parallel lists ("points").
         """
-        return self._reader.rows(topic, field, start_ns=_nanoseconds(start_s), end_ns=_nanoseconds(stop_s))
+        return self._reader.rows(topic, field, start_s=start_s, stop_s=stop_s)
 
     def log_times_ns(self, topic: str) -> NDArray[np.uint64]:
         """When a topic's messages were logged, nanoseconds, ascending."""
@@ -107,9 +110,5 @@ class Log:
 
     def images(self, *, start_s: float | None = None, stop_s: float | None = None) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         """Stamps (seconds) and images (rows × columns × red, green, blue) one after the other."""
-        for stamp_ns, image in self._reader.images(start_ns=_nanoseconds(start_s), end_ns=_nanoseconds(stop_s)):
-            yield 1e-9 * stamp_ns, image
-
-
-def _nanoseconds(stamp_s: float | None) -> int | None:
-    return None if stamp_s is None else max(0, round(1e9 * stamp_s))
+        found = self._reader.images(start_s=start_s, stop_s=stop_s)
+        return ((1e-9 * stamp_ns, image) for stamp_ns, image in found)

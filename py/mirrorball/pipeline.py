@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mirrorball import _core
 from mirrorball._core import Field
+from mirrorball.arguments import invalid
 from mirrorball.estimates import Cycle, Estimate
 from mirrorball.samples import (
     CommandSample,
@@ -39,7 +40,7 @@ POINT_STD_M = 0.04
 """Standard deviation of line points that come without one, as in `mirrorball locate`."""
 
 Vector = Sequence[float] | NDArray[np.floating[Any]]
-"""Three numbers."""
+"""Two or three numbers."""
 
 Config = Mapping[str, Any] | str | PathLike[str]
 """Settings by dotted key or nested, {"localize.matching.steps_max": 20}; or the path of an overlay file."""
@@ -55,27 +56,23 @@ class _Sensors:
 
         `motion`: forward and left (metres), turn (radians).
         """
-        self._pipeline.odometry(stamp_s, _three("motion", motion))
+        self._pipeline.odometry(stamp_s, motion)
 
     def imu(self, stamp_s: float, specific_force_mps2: Vector, angular_velocity_radps: Vector) -> None:
         """Inertial unit: x forward, y left, z up; at rest the specific force is (0, 0, 9.81)."""
-        force, rate = (
-            _three("specific_force_mps2", specific_force_mps2),
-            _three("angular_velocity_radps", angular_velocity_radps),
-        )
-        self._pipeline.imu(stamp_s, force, rate)
+        self._pipeline.imu(stamp_s, specific_force_mps2, angular_velocity_radps)
 
-    def compass(self, stamp_s: float, heading_rad: float, *, magnetic_field: tuple[float, float] | None = None) -> None:
+    def compass(self, stamp_s: float, heading_rad: float, *, magnetic_field: Vector | None = None) -> None:
         """Compass: direction of the robot's x axis on the field; `magnetic_field` in the robot frame, any unit."""
         self._pipeline.compass(stamp_s, heading_rad, magnetic_field)
 
     def command(self, stamp_s: float, velocity: Vector) -> None:
         """Velocity commanded to the motors from `stamp_s` on: forward, left (m/s), turn (rad/s)."""
-        self._pipeline.command(stamp_s, _three("velocity", velocity))
+        self._pipeline.command(stamp_s, velocity)
 
     def set_pose(self, stamp_s: float, pose: Vector, *, std: Vector = (0.1, 0.1, 0.1)) -> None:
         """Starts from a known pose (x, y in metres, θ in radians) with these standard deviations."""
-        self._pipeline.set_pose(stamp_s, _three("pose", pose), _three("std", std))
+        self._pipeline.set_pose(stamp_s, pose, std)
 
 
 class Localizer(_Sensors):
@@ -120,11 +117,15 @@ class Pipeline(_Sensors):
         config: Config | None = None,
         preset: str = "default",
     ) -> None:
-        path = Path(robot)
+        # Without a robot the compiled pipeline is one for line points alone.
+        if not isinstance(robot, str | PathLike):
+            raise TypeError(invalid("robot", robot, "a path"))
+        if Path(robot).is_dir():
+            robot = Path(robot) / "robot.toml"
         self._pipeline = _core.Pipeline(
-            robot=path / "robot.toml" if path.is_dir() else path,
+            robot=robot,
             field=None if field is None else _field(field),
-            map=None if map is None else Path(map),
+            map=map,
             config=_config(config),
             preset=preset,
         )
@@ -164,19 +165,10 @@ class Pipeline(_Sensors):
         return None
 
 
-def _three(name: str, values: Vector) -> tuple[float, float, float]:
-    try:
-        first, second, third = values
-        return float(first), float(second), float(third)
-    except (TypeError, ValueError):
-        raise ValueError(f"invalid {name}: {values!r} (expected three numbers)") from None
-
-
 def _field(field: Field | str | PathLike[str]) -> Field:
-    return field if isinstance(field, Field) else Field(field)
+    # What is no path is refused where the field is used.
+    return Field(field) if isinstance(field, str | PathLike) else field
 
 
-def _config(config: Config | None) -> dict[str, Any] | Path | None:
-    if config is None or isinstance(config, dict):
-        return config
-    return dict(config) if isinstance(config, Mapping) else Path(config)
+def _config(config: Config | None) -> dict[str, Any] | str | PathLike[str] | None:
+    return dict(config) if isinstance(config, Mapping) else config

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball.estimates import Pose
+from mirrorball.records import Record
 
 __all__ = [
     "CommandSample",
@@ -20,6 +21,11 @@ __all__ = [
     "TruthSample",
     "sample_from_core",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 Vector = tuple[float, float, float]
 
@@ -63,7 +69,7 @@ class CommandSample:
 
 
 @dataclass(frozen=True, eq=False)
-class TruthSample:
+class TruthSample(Record):
     """The true state at the time of an image, directly before it. No stage of a pipeline uses it."""
 
     stamp_s: float
@@ -77,7 +83,7 @@ class TruthSample:
 
 
 @dataclass(frozen=True, eq=False)
-class ImageSample:
+class ImageSample(Record):
     """A camera image."""
 
     stamp_s: float

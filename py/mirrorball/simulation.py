@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball import _core
+from mirrorball.arguments import checked
 from mirrorball.estimates import Cycle
 from mirrorball.pipeline import Config, Pipeline
 from mirrorball.samples import ImageSample, Sample, TruthSample, sample_from_core
@@ -34,6 +35,7 @@ def __dir__() -> list[str]:
 Numbers = Sequence[float] | NDArray[np.floating[Any]]
 
 
+@checked
 @dataclass(frozen=True)
 class Run:
     """A run to be made: scenario, seed, changed values. It can be sent to another machine as it is."""
@@ -61,6 +63,7 @@ class Run:
         return digest.hexdigest()[:24]
 
 
+@checked
 def bundle_run(
     scenario: str | Path,
     *,
@@ -85,6 +88,7 @@ def bundle_run(
     )
 
 
+@checked
 def simulate(
     run: Run | str | Path,
     *,
@@ -175,9 +179,8 @@ class Simulation:
         change: Mapping[str, Any] | None = None,
         images: bool = True,
     ) -> None:
-        self._core = _core.Simulation(
-            Path(scenario), seed=seed, duration_s=duration_s, change=dict(change or {}), images=images
-        )
+        changes = dict(change) if isinstance(change, Mapping) else change
+        self._core = _core.Simulation(scenario, seed=seed, duration_s=duration_s, change=changes, images=images)
         self._images = images
 
     @property
@@ -200,7 +203,7 @@ class Simulation:
 
     def step(self, velocity: Numbers | None = None) -> Step:
         """Drives until the next image with a velocity: forward, left (m/s), turn (rad/s). None: along the scenario's path."""
-        self._core.command(None if velocity is None else tuple(map(float, velocity)))
+        self._core.command(velocity)
         samples: list[Sample] = []
         while True:
             sample = sample_from_core(self._core.next_sample())
@@ -214,19 +217,19 @@ class Simulation:
 
     def kidnap(self, pose: Numbers) -> None:
         """Moves the robot to a pose (x, y in metres, θ in radians), at rest."""
-        self._core.kidnap(tuple(map(float, pose)))
+        self._core.kidnap(pose)
 
     def push(self, impulse: Numbers) -> None:
         """Pushes the robot: impulse along the field's x and y, N s."""
-        self._core.push(tuple(map(float, impulse)))
+        self._core.push(impulse)
 
     def place_ball(self, position: Numbers, *, velocity: Numbers = (0.0, 0.0)) -> None:
         """Places the ball on the field (metres) with a velocity (m/s)."""
-        self._core.place_ball(tuple(map(float, position)), tuple(map(float, velocity)))
+        self._core.place_ball(position, velocity)
 
     def place_robot(self, index: int, pose: Numbers) -> None:
         """Moves another robot to a pose, at rest; `index` as in `TruthSample.robots`."""
-        self._core.place_robot(index, tuple(map(float, pose)))
+        self._core.place_robot(index, pose)
 
     def set_light(self, level: float | None) -> None:
         """Light on the field in place of the scenario's (1: normal); None: the scenario's again."""

@@ -28,9 +28,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from tqdm import tqdm
 
+from mirrorball.arguments import checked
 from mirrorball.simulation import Run, bundle_run, simulate
 
 __all__ = ["grid", "sweep"]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 Task = Any
 Result = Mapping[str, Any]
@@ -39,6 +45,7 @@ FLUSH_PERIOD_S = 10.0
 """Longest time between two files of results, seconds."""
 
 
+@checked
 def grid(
     scenario: str | Path | Sequence[str | Path],
     *,
@@ -89,6 +96,7 @@ def key_of(task: Task) -> str:
     return task.key if isinstance(task, Run) else hashlib.sha256(pickle.dumps(task)).hexdigest()[:24]
 
 
+@checked
 def sweep(
     tasks: Iterable[Task],
     *,

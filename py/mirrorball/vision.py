@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mirrorball import _core
 from mirrorball._core import Camera, ColourTable, Field, GroundMap
+from mirrorball.records import Record
 from mirrorball.tables import Table, structured_array
 
 __all__ = [
@@ -43,8 +43,8 @@ Image = NDArray[Any]
 """Bytes. OpenCV types what it reads as integers or floats of any size, so the element type is checked when it runs."""
 
 
-@dataclass(frozen=True)
-class Detections:
+@dataclass(frozen=True, eq=False)
+class Detections(Record):
     """Detections in one image; each table is a structured array with the fields named here.
 
     `points`: x_m, y_m, std_radial_m, std_tangential_m, u_px, v_px, width_m, contrast.
@@ -68,13 +68,6 @@ class Detections:
     """The ball touches the kicker."""
     lens_centred: bool | None
     """The camera's lens is where the mirror's axis should be; None if it cannot be determined."""
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Detections):
-            return NotImplemented
-        return all(np.array_equal(value, vars(other)[name]) for name, value in vars(self).items())
-
-    __hash__ = None  # type: ignore[assignment]
 
 
 class Residual(NamedTuple):
@@ -103,7 +96,8 @@ def detections_from_columns(found: Mapping[str, Any]) -> Detections:
 
 
 def _load_map(source: GroundMap | str | PathLike[str]) -> GroundMap:
-    return source if isinstance(source, GroundMap) else GroundMap.load(Path(source))
+    # What is no path is refused where the map is used, by the name of the argument.
+    return GroundMap.load(source) if isinstance(source, str | PathLike) else source
 
 
 class Vision:
@@ -123,9 +117,7 @@ class Vision:
         colours: ColourTable | None = None,
         settings: str | None = None,
     ) -> None:
-        self._vision = _core.Vision(
-            map=_load_map(map), camera=camera, mask=mask, line_width_m=line_width_m, settings_toml=settings
-        )
+        self._vision = _core.Vision(map=_load_map(map), camera=camera, mask=mask, line_width_m=line_width_m, settings=settings)
         if colours is not None:
             self._vision.set_colour_table(colours)
 
@@ -167,7 +159,7 @@ def calibrate_strip(
     *,
     camera: Camera,
     images: Sequence[Image],
-    directions_rad: Sequence[float],
+    directions_rad: ArrayLike,
     first_edge_m: float,
     spacing_m: float,
     bars: int,
@@ -180,8 +172,8 @@ def calibrate_strip(
     """
     found, rms_px, images_found = _core.calibrate_strip(
         camera=camera,
-        images=list(images),
-        directions_rad=list(directions_rad),
+        images=images,
+        directions_rad=directions_rad,
         first_edge_m=first_edge_m,
         spacing_m=spacing_m,
         bars=bars,
@@ -204,14 +196,14 @@ def calibrate_lines(
     Gives the map, its residual in metres, the share of line points on markings, and each image's residual.
     """
     found, rms_m, share, images_found = _core.calibrate_lines(
-        camera=camera, start=_load_map(start), field=field, images=list(images), settings_toml=settings
+        camera=camera, start=_load_map(start), field=field, images=images, settings=settings
     )
     return found, rms_m, share, [Residual(*row) for row in images_found]
 
 
 def calibrate_mask(*, camera: Camera, images: Sequence[Image]) -> NDArray[np.bool_]:
     """Where the robot does not see itself, from at least six images of it turning in place: rows × columns."""
-    return _core.calibrate_mask(camera=camera, images=list(images))
+    return _core.calibrate_mask(camera=camera, images=images)
 
 
 def calibrate_sizes(
@@ -224,7 +216,7 @@ def calibrate_sizes(
 ) -> Table:
     """Widths of lines and ball in pixels over distance: distance_m, line_px, line_px_by_map, lines, and so of the ball."""
     columns = _core.calibrate_sizes(
-        map=_load_map(map), images=list(images), camera=camera, line_width_m=line_width_m, settings_toml=settings
+        map=_load_map(map), images=images, camera=camera, line_width_m=line_width_m, settings=settings
     )
     return structured_array(dict(columns))
 
@@ -240,11 +232,11 @@ def learn_colours(
 ) -> tuple[ColourTable, list[Residual]]:
     """A table of colour classes from images without labels; `over` is "yuv" (16 MiB) or "uv" (64 KiB)."""
     table, images_found = _core.learn_colours(
-        map=_load_map(map), images=list(images), camera=camera, line_width_m=line_width_m, over=over, settings_toml=settings
+        map=_load_map(map), images=images, camera=camera, line_width_m=line_width_m, over=over, settings=settings
     )
     return table, [Residual(*row) for row in images_found]
 
 
 def colours_from_labels(path: str | PathLike[str], *, over: str = "yuv") -> ColourTable:
     """A table of colour classes from labels.csv (file,u,v,class; files relative to it)."""
-    return _core.colours_from_labels(Path(path), over=over)
+    return _core.colours_from_labels(path, over=over)

@@ -1,7 +1,5 @@
 //! The calibrations in Python: lists of OpenCV's arrays in, maps, masks and tables with their residuals out.
 
-use std::path::PathBuf;
-
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -12,8 +10,9 @@ use vision::calibrate::{
 };
 use vision::colour::colour_table::{ColourTable as Table, Label, TableKind};
 
+use crate::arguments;
 use crate::camera::{Camera, camera_or_from_map};
-use crate::detections::{ArrayImage, ColourTable, parse_vision_config};
+use crate::detections::{ArrayImage, ColourTable, line_width, parse_vision_config};
 use crate::errors;
 use crate::ground_map::GroundMap;
 use crate::scene::Field;
@@ -29,57 +28,55 @@ fn residuals(images: Vec<ImageResidual>) -> Vec<Residual> {
         .collect()
 }
 
-fn drive(images: &[Bound<'_, PyAny>]) -> PyResult<Vec<NamedImage>> {
+/// The images of an argument named `images`.
+fn drive(images: &Bound<'_, PyAny>) -> PyResult<Vec<NamedImage>> {
     let image = |(number, array): (usize, &Bound<'_, PyAny>)| {
         Ok(NamedImage {
             name: format!("image {number}"),
-            image: ArrayImage::from_argument(array)?.to_rgb_image(),
+            image: ArrayImage::new(&format!("images[{number}]"), array)?.to_rgb_image(),
         })
     };
+    let images = arguments::list("images", images, "a list of images")?;
     images.iter().enumerate().map(image).collect()
 }
 
 /// The ground map from images beside a radial strip: map, residual (pixels), and each image's.
 #[pyfunction]
-#[pyo3(signature = (*, camera, images, directions_rad, first_edge_m, spacing_m, bars, width_m, first_bar="black"))]
+#[pyo3(signature = (*, camera, images, directions_rad, first_edge_m, spacing_m, bars, width_m, first_bar))]
 #[expect(
     clippy::too_many_arguments,
     reason = "they are keywords where they are called"
 )]
 pub(crate) fn calibrate_strip(
     py: Python<'_>,
-    camera: &Bound<'_, Camera>,
-    images: Vec<Bound<'_, PyAny>>,
-    directions_rad: Vec<f64>,
-    first_edge_m: f64,
-    spacing_m: f64,
-    bars: usize,
-    width_m: f64,
-    first_bar: &str,
+    camera: &Bound<'_, PyAny>,
+    images: &Bound<'_, PyAny>,
+    directions_rad: &Bound<'_, PyAny>,
+    first_edge_m: &Bound<'_, PyAny>,
+    spacing_m: &Bound<'_, PyAny>,
+    bars: &Bound<'_, PyAny>,
+    width_m: &Bound<'_, PyAny>,
+    first_bar: &Bound<'_, PyAny>,
 ) -> PyResult<(GroundMap, f64, Vec<Residual>)> {
-    let first_bar = match first_bar {
-        "black" => BarColour::Black,
-        "white" => BarColour::White,
-        other => {
-            let message = format!("first_bar is \"black\" or \"white\", not {other:?}");
-            return Err(PyValueError::new_err(message));
-        }
+    let camera = &Camera::from_argument(camera)?.0;
+    let directions_rad = arguments::finite_column("directions_rad", directions_rad)?;
+    let colours = [("black", BarColour::Black), ("white", BarColour::White)];
+    let target = Strip {
+        first_edge: arguments::number("first_edge_m", first_edge_m)?,
+        spacing: arguments::positive("spacing_m", spacing_m)?,
+        bars: arguments::whole("bars", bars, 1..=10_000)? as usize,
+        width: arguments::positive("width_m", width_m)?,
+        first_bar: arguments::choice("first_bar", first_bar, colours)?,
     };
+    let images = drive(images)?;
     if images.len() != directions_rad.len() {
         return Err(PyValueError::new_err(format!(
-            "{} images but {} directions",
-            images.len(),
-            directions_rad.len()
+            "invalid directions_rad: {} numbers (expected {}, as images)",
+            directions_rad.len(),
+            images.len()
         )));
     }
-    let target = Strip {
-        first_edge: first_edge_m,
-        spacing: spacing_m,
-        bars,
-        width: width_m,
-        first_bar,
-    };
-    let images: Vec<StripImage> = drive(&images)?
+    let images: Vec<StripImage> = images
         .into_iter()
         .zip(directions_rad)
         .map(|(image, direction)| StripImage {
@@ -88,7 +85,6 @@ pub(crate) fn calibrate_strip(
             image: image.image,
         })
         .collect();
-    let camera = &camera.get().0;
     let found = py
         .detach(|| strip(camera, &target, &images))
         .map_err(|error| errors::calibration(&error))?;
@@ -98,18 +94,20 @@ pub(crate) fn calibrate_strip(
 
 /// The ground map from images anywhere on a field: map, residual (metres), share of points on markings, each image's.
 #[pyfunction]
-#[pyo3(signature = (*, camera, start, field, images, settings_toml=None))]
+#[pyo3(signature = (*, camera, start, field, images, settings=None))]
 pub(crate) fn calibrate_lines(
     py: Python<'_>,
-    camera: &Bound<'_, Camera>,
-    start: &Bound<'_, GroundMap>,
-    field: &Bound<'_, Field>,
-    images: Vec<Bound<'_, PyAny>>,
-    settings_toml: Option<&str>,
+    camera: &Bound<'_, PyAny>,
+    start: &Bound<'_, PyAny>,
+    field: &Bound<'_, PyAny>,
+    images: &Bound<'_, PyAny>,
+    settings: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<(GroundMap, f64, f64, Vec<Residual>)> {
-    let (start, images) = (start.get().to_rust(py)?, drive(&images)?);
-    let config = parse_vision_config(settings_toml)?;
-    let (camera, field) = (&camera.get().0, &field.get().0);
+    let camera = &Camera::from_argument(camera)?.0;
+    let field = &Field::from_argument(field)?.0;
+    let start = GroundMap::from_argument("start", start)?;
+    let config = parse_vision_config(settings)?;
+    let images = drive(images)?;
     let found = py
         .detach(|| lines(camera, &start, field, &images, &config))
         .map_err(|error| errors::calibration(&error))?;
@@ -122,14 +120,12 @@ pub(crate) fn calibrate_lines(
 #[pyo3(signature = (*, camera, images))]
 pub(crate) fn calibrate_mask<'py>(
     py: Python<'py>,
-    camera: &Bound<'py, Camera>,
-    images: Vec<Bound<'py, PyAny>>,
+    camera: &Bound<'py, PyAny>,
+    images: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray2<bool>>> {
-    let images: Vec<_> = drive(&images)?
-        .into_iter()
-        .map(|image| image.image)
-        .collect();
-    let camera = &camera.get().0;
+    let camera = &Camera::from_argument(camera)?.0;
+    let images = drive(images)?.into_iter();
+    let images: Vec<_> = images.map(|image| image.image).collect();
     let found = py
         .detach(|| mask(camera, &images))
         .map_err(|error| errors::calibration(&error))?;
@@ -142,20 +138,22 @@ type SizeColumns<'py> = Vec<(&'static str, Bound<'py, PyArray1<f32>>)>;
 
 /// Widths of lines and ball in pixels over distance, measured and by the map; NaN where too few were seen.
 #[pyfunction]
-#[pyo3(signature = (*, map, images, camera=None, line_width_m=0.125, settings_toml=None))]
+#[pyo3(signature = (*, map, images, line_width_m, camera=None, settings=None))]
 pub(crate) fn calibrate_sizes<'py>(
     py: Python<'py>,
-    map: &Bound<'py, GroundMap>,
-    images: Vec<Bound<'py, PyAny>>,
-    camera: Option<&Bound<'py, Camera>>,
-    line_width_m: f32,
-    settings_toml: Option<&str>,
+    map: &Bound<'py, PyAny>,
+    images: &Bound<'py, PyAny>,
+    line_width_m: &Bound<'py, PyAny>,
+    camera: Option<&Bound<'py, PyAny>>,
+    settings: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<SizeColumns<'py>> {
-    let (map, images) = (map.get().to_rust(py)?, drive(&images)?);
+    let map = GroundMap::from_argument("map", map)?;
     let camera = camera_or_from_map(camera, &map)?;
-    let config = parse_vision_config(settings_toml)?;
+    let line_width = line_width(line_width_m)?;
+    let config = parse_vision_config(settings)?;
+    let images = drive(images)?;
     let found = py
-        .detach(|| sizes(&camera, &map, line_width_m, &images, &config))
+        .detach(|| sizes(&camera, &map, line_width, &images, &config))
         .map_err(|error| errors::calibration(&error))?;
     let rows = &found.rows;
     let column = |value: &dyn Fn(&vision::calibrate::SizeBin) -> Option<f32>| {
@@ -178,22 +176,25 @@ pub(crate) fn calibrate_sizes<'py>(
 
 /// A colour table from images without labels, and each image's residual; `over` is "yuv" or "uv".
 #[pyfunction]
-#[pyo3(signature = (*, map, images, camera=None, line_width_m=0.125, over="yuv", settings_toml=None))]
+#[pyo3(signature = (*, map, images, line_width_m, over, camera=None, settings=None))]
 pub(crate) fn learn_colours(
     py: Python<'_>,
-    map: &Bound<'_, GroundMap>,
-    images: Vec<Bound<'_, PyAny>>,
-    camera: Option<&Bound<'_, Camera>>,
-    line_width_m: f32,
-    over: &str,
-    settings_toml: Option<&str>,
+    map: &Bound<'_, PyAny>,
+    images: &Bound<'_, PyAny>,
+    line_width_m: &Bound<'_, PyAny>,
+    over: &Bound<'_, PyAny>,
+    camera: Option<&Bound<'_, PyAny>>,
+    settings: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<(ColourTable, Vec<Residual>)> {
-    let (map, images, kind) = (map.get().to_rust(py)?, drive(&images)?, kind(over)?);
+    let map = GroundMap::from_argument("map", map)?;
     let camera = camera_or_from_map(camera, &map)?;
-    let config = parse_vision_config(settings_toml)?;
+    let line_width = line_width(line_width_m)?;
+    let kind = kind(over)?;
+    let config = parse_vision_config(settings)?;
+    let images = drive(images)?;
     let (table, images) = py
         .detach(|| {
-            let mut vision = vision::Vision::new(&map, &camera, line_width_m, config.clone())
+            let mut vision = vision::Vision::new(&map, &camera, line_width, config.clone())
                 .map_err(|error| errors::vision(&error))?;
             let learned =
                 colours(&mut vision, &images).map_err(|error| errors::calibration(&error))?;
@@ -205,12 +206,13 @@ pub(crate) fn learn_colours(
 
 /// A colour table from labels.csv (file,u,v,class).
 #[pyfunction]
-#[pyo3(signature = (path, *, over="yuv"))]
+#[pyo3(signature = (path, *, over))]
 pub(crate) fn colours_from_labels(
     py: Python<'_>,
-    path: PathBuf,
-    over: &str,
+    path: &Bound<'_, PyAny>,
+    over: &Bound<'_, PyAny>,
 ) -> PyResult<ColourTable> {
+    let path = arguments::path("path", path)?;
     let kind = kind(over)?;
     let labels: Vec<Label> =
         vision::colour::colour_table::load_labels(&path).map_err(|error| errors::vision(&error))?;
@@ -220,12 +222,7 @@ pub(crate) fn colours_from_labels(
         .ok_or_else(|| PyValueError::new_err(format!("{}: has no label", path.display())))
 }
 
-fn kind(over: &str) -> PyResult<TableKind> {
-    match over {
-        "yuv" => Ok(TableKind::Yuv),
-        "uv" => Ok(TableKind::Uv),
-        other => Err(PyValueError::new_err(format!(
-            "over is \"yuv\" or \"uv\", not {other:?}"
-        ))),
-    }
+fn kind(over: &Bound<'_, PyAny>) -> PyResult<TableKind> {
+    let kinds = [("yuv", TableKind::Yuv), ("uv", TableKind::Uv)];
+    arguments::choice("over", over, kinds)
 }

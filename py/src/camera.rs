@@ -1,6 +1,6 @@
 //! The camera and the mount of its mirror in Python: the keys of robot.toml with units in their names.
 
-use std::path::PathBuf;
+use std::ops::RangeInclusive;
 
 use localize::robot::CameraConfig;
 use localize::robot::{RobotConfig, RobotConfigError};
@@ -9,7 +9,7 @@ use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::arguments::Keywords;
+use crate::arguments::{self, Keywords, single};
 use crate::ground_map::GroundMap;
 
 /// The number that was written: 0.6, not the 0.600000024 that 32 bits make of it.
@@ -30,46 +30,72 @@ fn known(name: &str, value: Option<f32>) -> PyResult<f64> {
 #[pyclass(frozen, module = "mirrorball._core")]
 pub(crate) struct Camera(pub(crate) CameraConfig);
 
+/// Sides of an image, as robot.toml may state them.
+const SIDE_PX: RangeInclusive<u64> = 2..=8192;
+
+impl Camera {
+    /// From an argument named `camera`.
+    pub(crate) fn from_argument<'a>(camera: &'a Bound<'_, PyAny>) -> PyResult<&'a Self> {
+        arguments::instance::<Camera>("camera", camera).map(Bound::get)
+    }
+}
+
 #[pymethods]
 impl Camera {
     #[new]
-    #[pyo3(signature = (*, width_px, height_px, focal_px=None, pinhole_height_m=None, centre_px=None, forward_deg=90.0, flipped=true, outer_radius_px=None))]
+    #[pyo3(
+        signature = (*, width_px, height_px, focal_px=None, pinhole_height_m=None, centre_px=None, forward_deg=None, flipped=None, outer_radius_px=None),
+        text_signature = "(*, width_px, height_px, focal_px=None, pinhole_height_m=None, centre_px=None, forward_deg=90.0, flipped=True, outer_radius_px=None)"
+    )]
     #[expect(
         clippy::too_many_arguments,
         reason = "they are keywords where they are called"
     )]
     fn new(
-        width_px: usize,
-        height_px: usize,
-        focal_px: Option<f32>,
-        pinhole_height_m: Option<f32>,
-        centre_px: Option<[f32; 2]>,
-        forward_deg: f32,
-        flipped: bool,
-        outer_radius_px: Option<f32>,
-    ) -> Self {
+        width_px: &Bound<'_, PyAny>,
+        height_px: &Bound<'_, PyAny>,
+        focal_px: Option<&Bound<'_, PyAny>>,
+        pinhole_height_m: Option<&Bound<'_, PyAny>>,
+        centre_px: Option<&Bound<'_, PyAny>>,
+        forward_deg: Option<&Bound<'_, PyAny>>,
+        flipped: Option<&Bound<'_, PyAny>>,
+        outer_radius_px: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let side =
+            |name: &str, value| arguments::whole(name, value, SIDE_PX).map(|side| side as usize);
+        let length = |name: &str, value: Option<&Bound<'_, PyAny>>| {
+            let length = value.map(|value| arguments::positive(name, value));
+            length.transpose().map(|length| length.map(|v| v as f32))
+        };
+        let (width_px, height_px) = (side("width_px", width_px)?, side("height_px", height_px)?);
         let middle = |size: usize| (size as f32 - 1.0) / 2.0;
-        Camera(CameraConfig {
+        Ok(Camera(CameraConfig {
             width_px,
             height_px,
-            focal_px,
-            centre_px: centre_px.unwrap_or([middle(width_px), middle(height_px)]),
-            height: pinhole_height_m,
-            forward_deg,
-            flipped,
-            outer_radius_px,
-        })
+            focal_px: length("focal_px", focal_px)?,
+            centre_px: match centre_px {
+                Some(centre) => single(arguments::vector("centre_px", centre)?),
+                None => [middle(width_px), middle(height_px)],
+            },
+            height: length("pinhole_height_m", pinhole_height_m)?,
+            forward_deg: forward_deg.map_or(Ok(90.0), |angle| {
+                arguments::number("forward_deg", angle).map(|angle| angle as f32)
+            })?,
+            flipped: flipped.map_or(Ok(true), |value| arguments::flag("flipped", value))?,
+            outer_radius_px: length("outer_radius_px", outer_radius_px)?,
+        }))
     }
 
     /// The camera of a ground map: size, axis, forward direction and side as the map shows them.
     #[staticmethod]
-    fn of_map(py: Python<'_>, map: &Bound<'_, GroundMap>) -> PyResult<Self> {
-        camera_or_from_map(None, &map.get().to_rust(py)?).map(Camera)
+    fn of_map(map: &Bound<'_, PyAny>) -> PyResult<Self> {
+        camera_or_from_map(None, &GroundMap::from_argument("map", map)?).map(Camera)
     }
 
     /// `[camera]` of a robot.toml.
     #[staticmethod]
-    fn load(path: PathBuf) -> PyResult<Self> {
+    fn load(path: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let path = arguments::path("path", path)?;
         let robot = RobotConfig::load(&path).map_err(|error| match &error {
             RobotConfigError::File(TomlFileError::Read { .. }) => {
                 PyFileNotFoundError::new_err(error.to_string())
@@ -172,13 +198,16 @@ impl Camera {
 
 /// The camera as given, or as the map shows it.
 pub(crate) fn camera_or_from_map(
-    camera: Option<&Bound<'_, Camera>>,
+    camera: Option<&Bound<'_, PyAny>>,
     map: &vision::GroundMap,
 ) -> PyResult<CameraConfig> {
     match camera {
-        Some(camera) => Ok(camera.get().0.clone()),
-        None => vision::optics::camera_from_map::camera_from_map(map)
-            .ok_or_else(|| PyValueError::new_err("the map shows too little ground")),
+        Some(camera) => Ok(Camera::from_argument(camera)?.0.clone()),
+        None => vision::optics::camera_from_map::camera_from_map(map).ok_or_else(|| {
+            PyValueError::new_err(
+                "invalid map: too little ground is seen (expected a circle around the robot)",
+            )
+        }),
     }
 }
 
@@ -186,22 +215,39 @@ pub(crate) fn camera_or_from_map(
 #[pyclass(frozen, module = "mirrorball._core")]
 pub(crate) struct Mount(pub(crate) vision::Mount);
 
+impl Mount {
+    /// From an argument named `mount`; without one, a perfect mount.
+    pub(crate) fn from_argument(mount: Option<&Bound<'_, PyAny>>) -> PyResult<vision::Mount> {
+        mount.map_or_else(
+            || Ok(vision::Mount::default()),
+            |mount| arguments::instance::<Mount>("mount", mount).map(|mount| mount.get().0),
+        )
+    }
+}
+
 #[pymethods]
 impl Mount {
     #[new]
-    #[pyo3(signature = (*, lean_deg=[0.0; 2], mirror_tilt_deg=[0.0; 2], mirror_offset_m=[0.0; 2], mirror_raise_m=0.0))]
+    #[pyo3(
+        signature = (*, lean_deg=None, mirror_tilt_deg=None, mirror_offset_m=None, mirror_raise_m=None),
+        text_signature = "(*, lean_deg=(0.0, 0.0), mirror_tilt_deg=(0.0, 0.0), mirror_offset_m=(0.0, 0.0), mirror_raise_m=0.0)"
+    )]
     fn new(
-        lean_deg: [f64; 2],
-        mirror_tilt_deg: [f64; 2],
-        mirror_offset_m: [f64; 2],
-        mirror_raise_m: f64,
-    ) -> Self {
-        Mount(vision::Mount {
-            lean_deg,
-            mirror_tilt_deg,
-            mirror_offset: mirror_offset_m,
-            mirror_raise: mirror_raise_m,
-        })
+        lean_deg: Option<&Bound<'_, PyAny>>,
+        mirror_tilt_deg: Option<&Bound<'_, PyAny>>,
+        mirror_offset_m: Option<&Bound<'_, PyAny>>,
+        mirror_raise_m: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let pair = |name: &str, value: Option<&Bound<'_, PyAny>>| {
+            value.map_or(Ok([0.0; 2]), |value| arguments::vector(name, value))
+        };
+        Ok(Mount(vision::Mount {
+            lean_deg: pair("lean_deg", lean_deg)?,
+            mirror_tilt_deg: pair("mirror_tilt_deg", mirror_tilt_deg)?,
+            mirror_offset: pair("mirror_offset_m", mirror_offset_m)?,
+            mirror_raise: mirror_raise_m
+                .map_or(Ok(0.0), |value| arguments::number("mirror_raise_m", value))?,
+        }))
     }
 
     fn __eq__(&self, other: &Self) -> bool {

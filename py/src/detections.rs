@@ -1,20 +1,17 @@
 //! Vision in Python: OpenCV's arrays in, columns of numbers out; `mirrorball.vision` names them.
 
-use std::path::PathBuf;
-
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods,
-};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
+use vision::colour::colour_table::TableKind;
 use vision::image::{Image, ImageView, PixelFormat, rgb_to_yuv};
 use vision::lines::detection::RejectionReason;
 use vision::objects::robots::ObstacleKind;
 use vision::{Detections, VisionConfig};
 
-use crate::arguments::byte_array;
-use crate::camera::{Camera, camera_or_from_map};
+use crate::arguments;
+use crate::camera::camera_or_from_map;
 use crate::errors;
 use crate::ground_map::GroundMap;
 
@@ -29,16 +26,17 @@ pub(crate) struct ArrayImage {
 impl ArrayImage {
     /// From an argument named `image`.
     pub(crate) fn from_argument(image: &Bound<'_, PyAny>) -> PyResult<Self> {
-        const EXPECTED: &str = "rows × columns × 3 (BGR) or rows × columns (grey)";
-        let array = byte_array("image", image, EXPECTED)?;
+        ArrayImage::new("image", image)
+    }
+
+    /// From an argument of another name.
+    pub(crate) fn new(name: &str, image: &Bound<'_, PyAny>) -> PyResult<Self> {
+        const EXPECTED: &str = "uint8, rows × columns × 3 (BGR) or rows × columns (grey)";
+        let array = arguments::array::<u8>(name, image, EXPECTED)?;
         let (height_px, width_px, format) = match *array.shape() {
             [rows, columns] => (rows, columns, PixelFormat::Grey8),
             [rows, columns, 3] => (rows, columns, PixelFormat::Bgr8),
-            ref other => {
-                return Err(PyValueError::new_err(format!(
-                    "invalid image: shape {other:?} (expected {EXPECTED})"
-                )));
-            }
+            _ => return Err(arguments::invalid(name, image, EXPECTED, None)),
         };
         let bytes = match array.as_slice() {
             Ok(packed) => packed.to_vec(),
@@ -79,11 +77,29 @@ impl ArrayImage {
 }
 
 /// The settings of `[vision]`, as an overlay file has them under that name.
-pub(crate) fn parse_vision_config(toml: Option<&str>) -> PyResult<VisionConfig> {
-    toml.map_or_else(
-        || Ok(VisionConfig::default()),
-        |text| toml::from_str(text).map_err(|error| PyValueError::new_err(error.to_string())),
-    )
+pub(crate) fn parse_vision_config(settings: Option<&Bound<'_, PyAny>>) -> PyResult<VisionConfig> {
+    let Some(settings) = settings else {
+        return Ok(VisionConfig::default());
+    };
+    let text = arguments::text("settings", settings, "text of [vision] of an overlay file")?;
+    toml::from_str(&text)
+        .map_err(|error| PyValueError::new_err(format!("invalid settings: {error}")))
+}
+
+/// The width of the field's lines, metres.
+pub(crate) fn line_width(line_width_m: &Bound<'_, PyAny>) -> PyResult<f32> {
+    arguments::number_within("line_width_m", line_width_m, 0.001..=10.0).map(|width| width as f32)
+}
+
+/// Where an image counts: a mask of the map's size.
+fn mask(mask: &Bound<'_, PyAny>, map: &vision::GroundMap) -> PyResult<Vec<bool>> {
+    let shape = [map.height_px, map.width_px];
+    let expected = format!("bool, rows × columns of the map: {shape:?}");
+    let found = arguments::array::<bool>("mask", mask, &expected)?;
+    if found.shape() != shape {
+        return Err(arguments::invalid("mask", mask, &expected, None));
+    }
+    Ok(found.as_array().iter().copied().collect())
 }
 
 /// Vision of one camera: tables that are built once, and the colour model of the present light.
@@ -101,22 +117,23 @@ pub(crate) struct Vision {
 #[pymethods]
 impl Vision {
     #[new]
-    #[pyo3(signature = (*, map, camera=None, mask=None, line_width_m=0.125, settings_toml=None))]
+    #[pyo3(signature = (*, map, line_width_m, camera=None, mask=None, settings=None))]
     fn new(
         py: Python<'_>,
-        map: &Bound<'_, GroundMap>,
-        camera: Option<&Bound<'_, Camera>>,
-        mask: Option<PyReadonlyArray2<'_, bool>>,
-        line_width_m: f32,
-        settings_toml: Option<&str>,
+        map: &Bound<'_, PyAny>,
+        line_width_m: &Bound<'_, PyAny>,
+        camera: Option<&Bound<'_, PyAny>>,
+        mask: Option<&Bound<'_, PyAny>>,
+        settings: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let map = map.get().to_rust(py)?;
+        let map = GroundMap::from_argument("map", map)?;
         let camera = camera_or_from_map(camera, &map)?;
-        let config = parse_vision_config(settings_toml)?;
-        let mask: Option<Vec<bool>> = mask.map(|mask| mask.as_array().iter().copied().collect());
+        let line_width = line_width(line_width_m)?;
+        let config = parse_vision_config(settings)?;
+        let mask = mask.map(|mask| self::mask(mask, &map)).transpose()?;
         let vision = py
             .detach(|| {
-                vision::Vision::with_mask(&map, &camera, mask.as_deref(), line_width_m, config)
+                vision::Vision::with_mask(&map, &camera, mask.as_deref(), line_width, config)
             })
             .map_err(|error| errors::vision(&error))?;
         Ok(Vision {
@@ -127,8 +144,10 @@ impl Vision {
     }
 
     /// Takes colour classes from a learned table.
-    fn set_colour_table(&mut self, table: &Bound<'_, ColourTable>) {
-        self.vision.set_colour_table(table.get().0.clone());
+    fn set_colour_table(&mut self, colours: &Bound<'_, PyAny>) -> PyResult<()> {
+        let colours: &Bound<'_, ColourTable> = arguments::instance("colours", colours)?;
+        self.vision.set_colour_table(colours.get().0.clone());
+        Ok(())
     }
 
     /// Discards the colour model; the next image gives a new one.
@@ -315,15 +334,50 @@ pub(crate) struct ColourTable(pub(crate) vision::ColourTable);
 impl ColourTable {
     /// Reads a table's file.
     #[staticmethod]
-    fn load(path: PathBuf) -> PyResult<Self> {
-        vision::ColourTable::load(&path)
+    fn load(path: &Bound<'_, PyAny>) -> PyResult<Self> {
+        vision::ColourTable::load(&arguments::path("path", path)?)
             .map(ColourTable)
             .map_err(|error| errors::vision(&error))
     }
 
     /// Writes the file that robot.toml's `colours` names.
-    fn save(&self, path: PathBuf) -> PyResult<()> {
+    fn save(&self, path: &Bound<'_, PyAny>) -> PyResult<()> {
+        let path = arguments::path("path", path)?;
         self.0.save(&path).map_err(|error| errors::vision(&error))
+    }
+
+    /// From the content of a table's file.
+    #[staticmethod]
+    fn from_bytes(content: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let content = arguments::bytes("content", content)?;
+        vision::ColourTable::from_bytes(content.as_bytes())
+            .map(ColourTable)
+            .map_err(|reason| PyValueError::new_err(format!("invalid content: {reason}")))
+    }
+
+    /// The content of its file.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.0.to_bytes())
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.0 == other.0
+    }
+
+    fn __repr__(&self) -> String {
+        let over = match self.0.kind() {
+            TableKind::Uv => "uv",
+            TableKind::Yuv => "yuv",
+        };
+        format!("ColourTable({over}: {})", self.names().join(", "))
+    }
+
+    // For pickle and copy.
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let content = slf.get().to_bytes(slf.py());
+        Ok((slf.get_type().getattr("from_bytes")?, (content,)))
     }
 
     /// Names of the classes, by class.

@@ -1,11 +1,10 @@
 //! Odd moments of a log, as the view shows them.
 
-use std::path::PathBuf;
-
 use pipeline::findings::RunHistory;
 use pipeline::log::LogIndex;
 use pyo3::prelude::*;
 
+use crate::arguments;
 use crate::log::log_error;
 
 /// Kind, severity, start, stop and worst stamp (s), size, causes and sentence of a finding.
@@ -22,7 +21,11 @@ type FindingTuple = (
 
 /// Number of cycles of a log, and its findings in order of time.
 #[pyfunction]
-pub(crate) fn findings(py: Python<'_>, path: PathBuf) -> PyResult<(usize, Vec<FindingTuple>)> {
+pub(crate) fn findings(
+    py: Python<'_>,
+    path: &Bound<'_, PyAny>,
+) -> PyResult<(usize, Vec<FindingTuple>)> {
+    let path = arguments::path("path", path)?;
     let read = py.detach(|| {
         let index = LogIndex::open(&path)?;
         let check = || {

@@ -1,14 +1,12 @@
 //! The ground map in Python: two arrays of metres, read, written and converted.
 
-use std::path::PathBuf;
-
 use localize::math;
-use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::arguments::Keywords;
+use crate::arguments::{self, Keywords};
 use crate::errors;
 
 /// Pixel → ground point in the robot frame, as calibration and tracing make it.
@@ -29,6 +27,15 @@ impl GroundMap {
             x_m: map.x.into_pyarray(py).reshape(shape)?.unbind(),
             y_m: map.y.into_pyarray(py).reshape(shape)?.unbind(),
         })
+    }
+
+    /// The map of an argument.
+    pub(crate) fn from_argument(
+        name: &str,
+        value: &Bound<'_, PyAny>,
+    ) -> PyResult<vision::GroundMap> {
+        let map: &Bound<'_, GroundMap> = arguments::instance(name, value)?;
+        map.get().to_rust(value.py())
     }
 
     /// The map as vision measures with it.
@@ -56,7 +63,8 @@ impl GroundMap {
 impl GroundMap {
     /// Reads `x_m` and `y_m` from an npz archive.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+    fn load(py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let path = arguments::path("path", path)?;
         let map = py
             .detach(|| vision::GroundMap::load(&path))
             .map_err(|error| errors::map(&error))?;
@@ -66,28 +74,28 @@ impl GroundMap {
     /// From two arrays of metres, rows × columns, NaN where no ground is seen.
     #[new]
     #[pyo3(signature = (*, x_m, y_m))]
-    fn new(
-        py: Python<'_>,
-        x_m: PyReadonlyArray2<'_, f32>,
-        y_m: PyReadonlyArray2<'_, f32>,
-    ) -> PyResult<Self> {
-        let shape = x_m.as_array().dim();
-        if shape != y_m.as_array().dim() {
-            let message = format!("x_m is {shape:?} but y_m {:?}", y_m.as_array().dim());
-            return Err(PyValueError::new_err(message));
+    fn new(py: Python<'_>, x_m: &Bound<'_, PyAny>, y_m: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let (height_px, width_px, x) = arguments::table("x_m", x_m)?;
+        let (rows, columns, y) = arguments::table("y_m", y_m)?;
+        if [rows, columns] != [height_px, width_px] {
+            return Err(PyValueError::new_err(format!(
+                "invalid y_m: shape {:?} (expected {:?}, as x_m)",
+                [rows, columns],
+                [height_px, width_px]
+            )));
         }
-        let values = |array: &PyReadonlyArray2<'_, f32>| array.as_array().iter().copied().collect();
         let map = vision::GroundMap {
-            width_px: shape.1,
-            height_px: shape.0,
-            x: values(&x_m),
-            y: values(&y_m),
+            width_px,
+            height_px,
+            x,
+            y,
         };
         GroundMap::of(py, map)
     }
 
     /// Writes the npz archive that `mirrorball locate --map` reads.
-    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+    fn save(&self, py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<()> {
+        let path = arguments::path("path", path)?;
         let map = self.to_rust(py)?;
         py.detach(|| map.save(&path))
             .map_err(|error| errors::map(&error))

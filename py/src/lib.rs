@@ -15,6 +15,7 @@ mod profile;
 mod rays;
 mod robot_pipeline;
 mod scene;
+mod settings;
 mod simulation;
 mod simulation_object;
 

@@ -1,7 +1,6 @@
 //! Logs: a topic's columns as numpy arrays, messages as objects, images as arrays.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
@@ -14,6 +13,7 @@ use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyString};
 
+use crate::arguments;
 use crate::errors;
 
 create_exception!(
@@ -37,7 +37,8 @@ pub(crate) struct LogReader {
 impl LogReader {
     /// Opens a log; a truncated one is read to its last complete chunk.
     #[new]
-    fn new(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+    fn new(py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let path = arguments::path("path", path)?;
         let reader = py.detach(|| TopicReader::open(&path)).map_err(log_error)?;
         Ok(LogReader {
             reader: Arc::new(reader),
@@ -85,17 +86,19 @@ impl LogReader {
     }
 
     /// `stamp_s` (log time) and the columns of a topic's messages, from `start_ns` until before `end_ns`.
-    #[pyo3(signature = (topic, *, elements=Vec::new(), start_ns=None, end_ns=None))]
+    #[pyo3(signature = (topic, *, elements, start_s=None, stop_s=None))]
     fn columns<'py>(
         &self,
         py: Python<'py>,
-        topic: &str,
-        elements: Vec<String>,
-        start_ns: Option<u64>,
-        end_ns: Option<u64>,
+        topic: &Bound<'py, PyAny>,
+        elements: &Bound<'py, PyAny>,
+        start_s: Option<&Bound<'py, PyAny>>,
+        stop_s: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        self.require_topic(topic)?;
-        let range = time_range(start_ns, end_ns);
+        let topic = &self.topic(topic)?;
+        let elements: Vec<String> =
+            arguments::extract("elements", elements, "a list of names of elements")?;
+        let range = time_range(start_s, stop_s)?;
         let read = py.detach(|| {
             let check = signal_check();
             self.reader.columns(topic, &elements, &range, check)
@@ -104,17 +107,18 @@ impl LogReader {
     }
 
     /// `stamp_s` and the columns of the entries of a list inside a topic's messages.
-    #[pyo3(signature = (topic, field, *, start_ns=None, end_ns=None))]
+    #[pyo3(signature = (topic, field, *, start_s=None, stop_s=None))]
     fn rows<'py>(
         &self,
         py: Python<'py>,
-        topic: &str,
-        field: &str,
-        start_ns: Option<u64>,
-        end_ns: Option<u64>,
+        topic: &Bound<'py, PyAny>,
+        field: &Bound<'py, PyAny>,
+        start_s: Option<&Bound<'py, PyAny>>,
+        stop_s: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        self.require_topic(topic)?;
-        let range = time_range(start_ns, end_ns);
+        let topic = &self.topic(topic)?;
+        let field = &arguments::text("field", field, "the name of a list")?;
+        let range = time_range(start_s, stop_s)?;
         let read = py.detach(|| self.reader.rows(topic, field, &range, signal_check()));
         column_arrays(py, read.map_err(log_error)?)
     }
@@ -123,44 +127,50 @@ impl LogReader {
     fn log_times<'py>(
         &self,
         py: Python<'py>,
-        topic: &str,
+        topic: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, numpy::PyArray1<u64>>> {
-        self.require_topic(topic)?;
+        let topic = &self.topic(topic)?;
         let times = py.detach(|| self.reader.log_times(topic));
         Ok(times.map_err(log_error)?.into_pyarray(py))
     }
 
     /// Topic, log time (nanoseconds) and content of messages; all topics if none are named.
-    #[pyo3(signature = (topics=Vec::new(), *, start_ns=None, end_ns=None))]
+    #[pyo3(signature = (topics, *, start_s=None, stop_s=None))]
     fn messages(
         &self,
-        topics: Vec<String>,
-        start_ns: Option<u64>,
-        end_ns: Option<u64>,
-    ) -> MessageIterator {
-        MessageIterator(ChunkWalk::new(
+        topics: &Bound<'_, PyAny>,
+        start_s: Option<&Bound<'_, PyAny>>,
+        stop_s: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<MessageIterator> {
+        Ok(MessageIterator(ChunkWalk::new(
             self.reader.clone(),
-            topics,
-            time_range(start_ns, end_ns),
-        ))
+            arguments::extract("topics", topics, "names of topics")?,
+            time_range(start_s, stop_s)?,
+        )))
     }
 
     /// Log times (nanoseconds) and images: rows × columns × (red, green, blue).
-    #[pyo3(signature = (*, start_ns=None, end_ns=None))]
-    fn images(&self, start_ns: Option<u64>, end_ns: Option<u64>) -> ImageIterator {
-        ImageIterator(ChunkWalk::new(
+    #[pyo3(signature = (*, start_s=None, stop_s=None))]
+    fn images(
+        &self,
+        start_s: Option<&Bound<'_, PyAny>>,
+        stop_s: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<ImageIterator> {
+        Ok(ImageIterator(ChunkWalk::new(
             self.reader.clone(),
             vec![IMAGE_TOPIC.to_owned()],
-            time_range(start_ns, end_ns),
-        ))
+            time_range(start_s, stop_s)?,
+        )))
     }
 }
 
 impl LogReader {
-    fn require_topic(&self, topic: &str) -> PyResult<()> {
+    /// The name of a topic that the log has.
+    fn topic(&self, topic: &Bound<'_, PyAny>) -> PyResult<String> {
+        let topic = arguments::text("topic", topic, "the name of a topic")?;
         let topics = self.reader.topics();
-        if topics.contains_key(topic) {
-            return Ok(());
+        if topics.contains_key(&topic) {
+            return Ok(topic);
         }
         let with_messages = topics.iter().filter(|(_, topic)| topic.messages > 0);
         let names: Vec<&str> = with_messages.map(|(name, _)| name.as_str()).collect();
@@ -251,8 +261,19 @@ impl ImageIterator {
     }
 }
 
-fn time_range(start_ns: Option<u64>, end_ns: Option<u64>) -> TimeRange {
-    start_ns.unwrap_or(0)..end_ns.unwrap_or(u64::MAX)
+/// Log times in nanoseconds from start until before stop, seconds.
+fn time_range(
+    start_s: Option<&Bound<'_, PyAny>>,
+    stop_s: Option<&Bound<'_, PyAny>>,
+) -> PyResult<TimeRange> {
+    let nanoseconds = |name: &str, value: Option<&Bound<'_, PyAny>>| {
+        let seconds = value.map(|value| arguments::number(name, value));
+        // Negative numbers become 0, too large ones the largest.
+        let nanoseconds = seconds.map(|seconds| seconds.map(|s| (1e9 * s).round() as u64));
+        nanoseconds.transpose()
+    };
+    let start = nanoseconds("start_s", start_s)?.unwrap_or(0);
+    Ok(start..nanoseconds("stop_s", stop_s)?.unwrap_or(u64::MAX))
 }
 
 /// Raises what a signal's handler raises, Ctrl-C's KeyboardInterrupt above all.

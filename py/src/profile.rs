@@ -1,12 +1,11 @@
 //! A mirror's profile in Python: samples in, heights and slopes out.
 
-use std::path::PathBuf;
-
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::arguments::Keywords;
+use crate::arguments::{self, Keywords, finite_column};
 use crate::errors;
 
 /// A mirror of revolution: height above the ground over radius, smooth between its samples.
@@ -16,24 +15,36 @@ pub(crate) struct Profile(pub(crate) vision::Profile);
 /// Two arrays of one length.
 type Pair<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
+impl Profile {
+    /// From an argument named `profile`.
+    pub(crate) fn from_argument<'a>(profile: &'a Bound<'_, PyAny>) -> PyResult<&'a Self> {
+        arguments::instance::<Profile>("profile", profile).map(Bound::get)
+    }
+}
+
 #[pymethods]
 impl Profile {
     #[new]
     #[pyo3(signature = (*, radius_m, height_m))]
-    fn new(
-        radius_m: PyReadonlyArray1<'_, f64>,
-        height_m: PyReadonlyArray1<'_, f64>,
-    ) -> PyResult<Self> {
-        let values = |array: &PyReadonlyArray1<'_, f64>| array.as_array().iter().copied().collect();
-        vision::Profile::new(values(&radius_m), values(&height_m))
+    fn new(radius_m: &Bound<'_, PyAny>, height_m: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let radius = finite_column("radius_m", radius_m)?;
+        let height = finite_column("height_m", height_m)?;
+        if radius.len() != height.len() {
+            return Err(PyValueError::new_err(format!(
+                "invalid height_m: {} numbers (expected {}, as radius_m)",
+                height.len(),
+                radius.len()
+            )));
+        }
+        vision::Profile::new(radius, height)
             .map(Profile)
             .map_err(|error| errors::profile(&error))
     }
 
     /// Reads a CSV file `radius_m,height_m`.
     #[staticmethod]
-    fn load(path: PathBuf) -> PyResult<Self> {
-        vision::Profile::load(&path)
+    fn load(path: &Bound<'_, PyAny>) -> PyResult<Self> {
+        vision::Profile::load(&arguments::path("path", path)?)
             .map(Profile)
             .map_err(|error| errors::profile(&error))
     }
@@ -56,14 +67,13 @@ impl Profile {
     fn height_and_slope<'py>(
         &self,
         py: Python<'py>,
-        radius_m: PyReadonlyArray1<'py, f64>,
-    ) -> Pair<'py> {
-        let (heights, slopes): (Vec<f64>, Vec<f64>) = radius_m
-            .as_array()
-            .iter()
-            .map(|&radius| self.0.height_and_slope(radius))
+        radius_m: &Bound<'py, PyAny>,
+    ) -> PyResult<Pair<'py>> {
+        let (heights, slopes): (Vec<f64>, Vec<f64>) = finite_column("radius_m", radius_m)?
+            .into_iter()
+            .map(|radius| self.0.height_and_slope(radius))
             .unzip();
-        (heights.into_pyarray(py), slopes.into_pyarray(py))
+        Ok((heights.into_pyarray(py), slopes.into_pyarray(py)))
     }
 
     fn __eq__(&self, other: &Self) -> bool {

@@ -1,10 +1,11 @@
 //! Rays and ground points per pixel in Python. Arrays of the crates move into numpy without a copy.
 
-use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use vision::optics::ray_tracing::{Ray, Tracer};
 
+use crate::arguments::finite_column;
 use crate::camera::{Camera, Mount};
 use crate::errors;
 use crate::ground_map::GroundMap;
@@ -23,10 +24,6 @@ fn flat(rays: &[Option<Ray>]) -> (Vec<f32>, Vec<f32>) {
     (origins, directions)
 }
 
-fn mount_or_perfect(mount: Option<&Bound<'_, Mount>>) -> vision::Mount {
-    mount.map_or_else(vision::Mount::default, |mount| mount.get().0)
-}
-
 type RayArrays<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray3<f32>>);
 
 /// Origin (metres) and unit direction of each pixel's ray after the mirror: rows × columns × 3, NaN off the mirror.
@@ -34,12 +31,13 @@ type RayArrays<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray3<f32>>);
 #[pyo3(signature = (*, camera, profile, mount=None))]
 pub(crate) fn trace_rays<'py>(
     py: Python<'py>,
-    camera: &Bound<'py, Camera>,
-    profile: &Bound<'py, Profile>,
-    mount: Option<&Bound<'py, Mount>>,
+    camera: &Bound<'py, PyAny>,
+    profile: &Bound<'py, PyAny>,
+    mount: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<RayArrays<'py>> {
-    let mount = mount_or_perfect(mount);
-    let (camera, profile) = (&camera.get().0, &profile.get().0);
+    let mount = Mount::from_argument(mount)?;
+    let camera = &Camera::from_argument(camera)?.0;
+    let profile = &Profile::from_argument(profile)?.0;
     let (origins, directions) = py
         .detach(|| {
             vision::optics::trace_rays(camera, profile, &mount).map(|table| flat(&table.rays))
@@ -59,24 +57,29 @@ type PointArrays<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<f32>>);
 #[pyo3(signature = (*, camera, profile, u_px, v_px, mount=None))]
 pub(crate) fn trace_points<'py>(
     py: Python<'py>,
-    camera: &Bound<'py, Camera>,
-    profile: &Bound<'py, Profile>,
-    u_px: PyReadonlyArray1<'py, f64>,
-    v_px: PyReadonlyArray1<'py, f64>,
-    mount: Option<&Bound<'py, Mount>>,
+    camera: &Bound<'py, PyAny>,
+    profile: &Bound<'py, PyAny>,
+    u_px: &Bound<'py, PyAny>,
+    v_px: &Bound<'py, PyAny>,
+    mount: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<PointArrays<'py>> {
-    let mount = mount_or_perfect(mount);
-    let (u_px, v_px) = (u_px.as_array(), v_px.as_array());
+    let mount = Mount::from_argument(mount)?;
+    let camera = &Camera::from_argument(camera)?.0;
+    let profile = &Profile::from_argument(profile)?.0;
+    let u_px = finite_column("u_px", u_px)?;
+    let v_px = finite_column("v_px", v_px)?;
     if u_px.len() != v_px.len() {
-        let message = format!("u_px has {} points but v_px {}", u_px.len(), v_px.len());
-        return Err(PyValueError::new_err(message));
+        return Err(PyValueError::new_err(format!(
+            "invalid v_px: {} numbers (expected {}, as u_px)",
+            v_px.len(),
+            u_px.len()
+        )));
     }
-    let tracer = Tracer::new(&camera.get().0, &profile.get().0, &mount)
-        .map_err(|error| errors::optics(&error))?;
+    let tracer = Tracer::new(camera, profile, &mount).map_err(|error| errors::optics(&error))?;
     let (origins, directions) = py.detach(|| {
         let rays: Vec<_> = u_px
             .iter()
-            .zip(v_px)
+            .zip(&v_px)
             .map(|(&u, &v)| tracer.ray(u, v))
             .collect();
         flat(&rays)
@@ -93,12 +96,13 @@ pub(crate) fn trace_points<'py>(
 #[pyo3(signature = (*, camera, profile, mount=None))]
 pub(crate) fn ground_map<'py>(
     py: Python<'py>,
-    camera: &Bound<'py, Camera>,
-    profile: &Bound<'py, Profile>,
-    mount: Option<&Bound<'py, Mount>>,
+    camera: &Bound<'py, PyAny>,
+    profile: &Bound<'py, PyAny>,
+    mount: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<GroundMap> {
-    let mount = mount_or_perfect(mount);
-    let (camera, profile) = (&camera.get().0, &profile.get().0);
+    let mount = Mount::from_argument(mount)?;
+    let camera = &Camera::from_argument(camera)?.0;
+    let profile = &Profile::from_argument(profile)?.0;
     let map = py
         .detach(|| {
             vision::optics::trace_rays(camera, profile, &mount).map(|table| table.ground_map())

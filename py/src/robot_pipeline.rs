@@ -1,9 +1,8 @@
 //! A robot's pipeline in Python: stamped samples in, one cycle per image out, with Python's lock released.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
-use localize::Field;
+use localize::Stamp;
 use localize::frames::{At, Pose};
 use localize::omni::Twist;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
@@ -13,10 +12,12 @@ use pipeline::setup::Setup;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arguments;
+use crate::arguments::{self, single};
 use crate::cycle::Cycle;
 use crate::detections::ArrayImage;
 use crate::errors;
+use crate::scene::Field;
+use crate::settings::settings;
 
 /// A robot's pipeline: vision and localization in order.
 #[pyclass(module = "mirrorball._core")]
@@ -29,10 +30,10 @@ impl Pipeline {
     pub(crate) fn from_setup(
         py: Python<'_>,
         setup: &Setup,
-        preset: &str,
+        preset: &Bound<'_, PyAny>,
         config: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let config = arguments::settings(preset, config)?;
+        let config = settings(preset, config)?;
         let pipeline = py
             .detach(|| pipeline::Pipeline::new(setup, &config))
             .map_err(|error| errors::from_anyhow(&error))?;
@@ -42,9 +43,9 @@ impl Pipeline {
         })
     }
 
-    fn process(&mut self, py: Python<'_>, stamp_s: f64, content: ImageContent) -> PyResult<Cycle> {
+    fn process(&mut self, py: Python<'_>, stamp: Stamp, content: ImageContent) -> PyResult<Cycle> {
         let sample = Sample::Image(CameraImage {
-            stamp: arguments::stamp(stamp_s)?,
+            stamp,
             setting: None,
             content,
         });
@@ -64,31 +65,40 @@ impl Pipeline {
 impl Pipeline {
     /// `robot`: path of a robot.toml, or none for line points of another vision system on `field`.
     #[new]
-    #[pyo3(signature = (*, robot=None, field=None, map=None, preset="default", config=None))]
+    #[pyo3(signature = (*, preset, robot=None, field=None, map=None, config=None))]
     fn new(
         py: Python<'_>,
-        robot: Option<PathBuf>,
-        field: Option<&Bound<'_, crate::scene::Field>>,
-        map: Option<PathBuf>,
-        preset: &str,
+        preset: &Bound<'_, PyAny>,
+        robot: Option<&Bound<'_, PyAny>>,
+        field: Option<&Bound<'_, PyAny>>,
+        map: Option<&Bound<'_, PyAny>>,
         config: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let field: Option<Field> = field.map(|field| field.get().0.clone());
+        let path = |name: &str, value: Option<&Bound<'_, PyAny>>| {
+            value.map(|path| arguments::path(name, path)).transpose()
+        };
+        let (robot, map) = (path("robot", robot)?, path("map", map)?);
+        let field = field.map(|field| Field::from_argument(field).map(|field| field.0.clone()));
+        let field = field.transpose()?;
         let setup = match (robot, field) {
             (Some(robot), field) => {
                 py.detach(|| Setup::load_on_field(&robot, field, map.as_deref()))
             }
             (None, Some(field)) => Ok(Setup::without_camera(field)),
-            (None, None) => return Err(PyValueError::new_err("neither robot nor field")),
+            (None, None) => {
+                return Err(PyValueError::new_err(
+                    "invalid field: None (expected a mirrorball.Field, or its path)",
+                ));
+            }
         };
         let setup = setup.map_err(|error| errors::from_anyhow(&error))?;
         Pipeline::from_setup(py, &setup, preset, config)
     }
 
     /// Motion since the previous sample, in the robot frame at that sample: forward and left (metres), turn (radians).
-    fn odometry(&mut self, stamp_s: f64, motion: [f32; 3]) -> PyResult<()> {
-        let [dx, dy, dtheta] = arguments::finite("motion", motion)?;
+    fn odometry(&mut self, stamp_s: &Bound<'_, PyAny>, motion: &Bound<'_, PyAny>) -> PyResult<()> {
         let stamp = arguments::stamp(stamp_s)?;
+        let [dx, dy, dtheta] = single(arguments::vector("motion", motion)?);
         self.pipeline.process_sample(Sample::Odometry(Odometry {
             stamp,
             dx,
@@ -102,14 +112,15 @@ impl Pipeline {
     /// Specific force (m/s²) and angular velocity (rad/s), robot frame.
     fn imu(
         &mut self,
-        stamp_s: f64,
-        specific_force_mps2: [f32; 3],
-        angular_velocity_radps: [f32; 3],
+        stamp_s: &Bound<'_, PyAny>,
+        specific_force_mps2: &Bound<'_, PyAny>,
+        angular_velocity_radps: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
+        let vector = |name: &str, value| arguments::vector(name, value).map(single);
         self.pipeline.process_sample(Sample::Imu(Imu {
             stamp: arguments::stamp(stamp_s)?,
-            specific_force: arguments::finite("specific_force_mps2", specific_force_mps2)?,
-            angular_velocity: arguments::finite("angular_velocity_radps", angular_velocity_radps)?,
+            specific_force: vector("specific_force_mps2", specific_force_mps2)?,
+            angular_velocity: vector("angular_velocity_radps", angular_velocity_radps)?,
         }));
         Ok(())
     }
@@ -118,22 +129,22 @@ impl Pipeline {
     #[pyo3(signature = (stamp_s, heading_rad, magnetic_field=None))]
     fn compass(
         &mut self,
-        stamp_s: f64,
-        heading_rad: f32,
-        magnetic_field: Option<[f32; 2]>,
+        stamp_s: &Bound<'_, PyAny>,
+        heading_rad: &Bound<'_, PyAny>,
+        magnetic_field: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
-        let [heading] = arguments::finite("heading_rad", [heading_rad])?;
+        let field = magnetic_field.map(|field| arguments::vector("magnetic_field", field));
         self.pipeline.process_sample(Sample::Compass(Compass {
             stamp: arguments::stamp(stamp_s)?,
-            heading,
-            magnetic_field,
+            heading: arguments::number("heading_rad", heading_rad)? as f32,
+            magnetic_field: field.transpose()?.map(single),
         }));
         Ok(())
     }
 
     /// Velocity commanded to the motors from `stamp_s` on: forward, left (m/s), turn (rad/s).
-    fn command(&mut self, stamp_s: f64, velocity: [f32; 3]) -> PyResult<()> {
-        let [x, y, theta] = arguments::finite("velocity", velocity)?;
+    fn command(&mut self, stamp_s: &Bound<'_, PyAny>, velocity: &Bound<'_, PyAny>) -> PyResult<()> {
+        let [x, y, theta] = single(arguments::vector("velocity", velocity)?);
         self.pipeline
             .process_sample(Sample::Command(VelocityCommand {
                 stamp: arguments::stamp(stamp_s)?,
@@ -143,23 +154,37 @@ impl Pipeline {
     }
 
     /// Starts from a known pose with a standard deviation of x, y (metres) and θ (radians).
-    fn set_pose(&mut self, stamp_s: f64, pose: [f32; 3], std: [f32; 3]) -> PyResult<()> {
-        let [x, y, theta] = arguments::finite("pose", pose)?;
-        let std = arguments::finite("std", std)?;
-        if std.iter().any(|&value| value <= 0.0) {
-            return Err(PyValueError::new_err(format!(
-                "invalid std: {std:?} (expected positive numbers)"
-            )));
-        }
-        let covariance = Matrix3::from_diagonal(&std.map(|value| value * value).into());
+    fn set_pose(
+        &mut self,
+        stamp_s: &Bound<'_, PyAny>,
+        pose: &Bound<'_, PyAny>,
+        std: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         let stamp = arguments::stamp(stamp_s)?;
+        let [x, y, theta] = single(arguments::vector("pose", pose)?);
+        let deviations = single(arguments::vector::<3>("std", std)?);
+        if deviations.iter().any(|&value| value <= 0.0) {
+            return Err(arguments::invalid(
+                "std",
+                std,
+                "three numbers above 0",
+                None,
+            ));
+        }
+        let covariance = Matrix3::from_diagonal(&deviations.map(|value| value * value).into());
         self.pipeline
             .set_pose(stamp, Pose::new(x, y, theta), &covariance);
         Ok(())
     }
 
     /// An image: rows × columns × 3 (blue, green, red) or rows × columns (grey), bytes.
-    fn image(&mut self, py: Python<'_>, stamp_s: f64, image: &Bound<'_, PyAny>) -> PyResult<Cycle> {
+    fn image(
+        &mut self,
+        py: Python<'_>,
+        stamp_s: &Bound<'_, PyAny>,
+        image: &Bound<'_, PyAny>,
+    ) -> PyResult<Cycle> {
+        let stamp = arguments::stamp(stamp_s)?;
         if !self.has_camera {
             return Err(PyValueError::new_err(
                 "an image, but the robot has no [camera] (expected points)",
@@ -176,27 +201,24 @@ impl Pipeline {
             stride,
             data: Arc::new(image.into_bytes()),
         }));
-        self.process(py, stamp_s, content)
+        self.process(py, stamp, content)
     }
 
     /// Line points of another vision system: n × 2 (x, y) or n × 4 (and standard deviations, radial and tangential).
     fn points(
         &mut self,
         py: Python<'_>,
-        stamp_s: f64,
+        stamp_s: &Bound<'_, PyAny>,
         points: &Bound<'_, PyAny>,
-        std_m: f32,
+        std_m: &Bound<'_, PyAny>,
     ) -> PyResult<Cycle> {
+        let stamp = arguments::stamp(stamp_s)?;
+        let std_m = arguments::positive("std_m", std_m)? as f32;
         let (columns, values) = arguments::rows("points", points, &[2, 4])?;
-        if !values.iter().all(|value| value.is_finite()) {
-            return Err(PyValueError::new_err(
-                "invalid points: NaN or infinity (expected finite numbers)",
-            ));
-        }
         let stds = values.chunks_exact(columns).flat_map(|row| &row[2..]);
-        if !(std_m > 0.0) || stds.copied().any(|std| std <= 0.0) {
+        if stds.copied().any(|std| std <= 0.0) {
             return Err(PyValueError::new_err(
-                "invalid standard deviation of points: 0 or less (expected metres above 0)",
+                "invalid points: a standard deviation of 0 or less (expected metres above 0)",
             ));
         }
         let line_point = |row: &[f32]| LinePoint {
@@ -209,6 +231,6 @@ impl Pipeline {
             points,
             goals: Vec::new(),
         };
-        self.process(py, stamp_s, content)
+        self.process(py, stamp, content)
     }
 }

@@ -1,6 +1,6 @@
 //! Fields in Python, and images of a robot on them: the simulator's renderer in one call.
 
-use std::path::PathBuf;
+use std::ops::RangeInclusive;
 
 use localize::field::{FieldConfig, FieldError};
 use localize::frames::{At, Pose};
@@ -17,12 +17,16 @@ use sim::render::{Renderer, RendererConfig, Scene, SceneBall};
 use sim::scenario::BallConfig;
 use sim::world::RobotState;
 
+use crate::arguments::{self, single};
 use crate::camera::{Camera, Mount};
 use crate::errors;
 use crate::profile::Profile;
 
 /// The league's field of 18 × 12 m.
 const LEAGUE_FIELD: &str = include_str!("../../config/fields/msl_18x12.toml");
+
+/// Width of an image's blur, pixels, as a scenario may state it.
+const BLUR_PX: RangeInclusive<f64> = 0.01..=20.0;
 
 /// A soccer field with its markings.
 #[pyclass(frozen, module = "mirrorball._core")]
@@ -37,26 +41,38 @@ fn field_error(error: &FieldError) -> PyErr {
     }
 }
 
+impl Field {
+    /// From an argument named `field`.
+    pub(crate) fn from_argument<'a>(field: &'a Bound<'_, PyAny>) -> PyResult<&'a Self> {
+        arguments::instance::<Field>("field", field).map(Bound::get)
+    }
+
+    fn parse(text: &str) -> PyResult<Self> {
+        let config: FieldConfig = toml::from_str(text).map_err(|error| {
+            PyValueError::new_err(format!("invalid text: {error} (expected a field.toml)"))
+        })?;
+        let field = localize::field::Field::new(config);
+        field.map(Field).map_err(|error| field_error(&error))
+    }
+}
+
 #[pymethods]
 impl Field {
     /// Reads a field.toml; without a path, the league's field of 18 × 12 m.
     #[new]
     #[pyo3(signature = (path=None))]
-    fn new(path: Option<PathBuf>) -> PyResult<Self> {
+    fn new(path: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let field = match path {
-            Some(path) => localize::field::Field::load(&path),
-            None => return Field::from_toml(LEAGUE_FIELD),
+            Some(path) => localize::field::Field::load(&arguments::path("path", path)?),
+            None => return Field::parse(LEAGUE_FIELD),
         };
         field.map(Field).map_err(|error| field_error(&error))
     }
 
     /// From the text of a field.toml.
     #[staticmethod]
-    fn from_toml(text: &str) -> PyResult<Self> {
-        let config: FieldConfig =
-            toml::from_str(text).map_err(|error| PyValueError::new_err(error.to_string()))?;
-        let field = localize::field::Field::new(config);
-        field.map(Field).map_err(|error| field_error(&error))
+    fn from_toml(text: &Bound<'_, PyAny>) -> PyResult<Self> {
+        Field::parse(&arguments::text("text", text, "the text of a field.toml")?)
     }
 
     /// The text of its field.toml.
@@ -106,53 +122,58 @@ fn bare() -> BodyConfig {
 ///
 /// `pose` is x, y (metres) and θ (radians); `ball` its x, y; `robots` poses of others. The same seed gives the same noise.
 #[pyfunction]
-#[pyo3(signature = (*, camera, profile, field, pose, mount=None, ball=None, robots=Vec::new(), own_body=true, exposure=1.0, blur_px=1.3, seed=1))]
+#[pyo3(
+    signature = (*, camera, profile, field, pose, mount=None, ball=None, robots=None, own_body=None, exposure=None, blur_px=None, seed=None),
+    text_signature = "(*, camera, profile, field, pose, mount=None, ball=None, robots=(), own_body=True, exposure=1.0, blur_px=1.3, seed=1)"
+)]
 #[expect(
     clippy::too_many_arguments,
     reason = "they are keywords where they are called"
 )]
 pub(crate) fn render<'py>(
     py: Python<'py>,
-    camera: &Bound<'py, Camera>,
-    profile: &Bound<'py, Profile>,
-    field: &Bound<'py, Field>,
-    pose: [f32; 3],
-    mount: Option<&Bound<'py, Mount>>,
-    ball: Option<[f32; 2]>,
-    robots: Vec<[f32; 3]>,
-    own_body: bool,
-    exposure: f32,
-    blur_px: f32,
-    seed: u64,
+    camera: &Bound<'py, PyAny>,
+    profile: &Bound<'py, PyAny>,
+    field: &Bound<'py, PyAny>,
+    pose: &Bound<'py, PyAny>,
+    mount: Option<&Bound<'py, PyAny>>,
+    ball: Option<&Bound<'py, PyAny>>,
+    robots: Option<&Bound<'py, PyAny>>,
+    own_body: Option<&Bound<'py, PyAny>>,
+    exposure: Option<&Bound<'py, PyAny>>,
+    blur_px: Option<&Bound<'py, PyAny>>,
+    seed: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray3<u8>>> {
-    let numbers = pose.iter().chain(ball.iter().flatten());
-    if !numbers
-        .chain(robots.iter().flatten())
-        .all(|v| v.is_finite())
-    {
-        return Err(PyValueError::new_err("poses must be finite numbers"));
-    }
-    if !(exposure > 0.0 && blur_px > 0.0) {
-        return Err(PyValueError::new_err(
-            "exposure and blur_px must be positive",
-        ));
-    }
-    let mount = mount.map_or_else(vision::Mount::default, |mount| mount.get().0);
-    let (camera, profile, field) = (&camera.get().0, &profile.get().0, &field.get().0);
+    let camera = &Camera::from_argument(camera)?.0;
+    let profile = &Profile::from_argument(profile)?.0;
+    let field = &Field::from_argument(field)?.0;
+    let pose = single(arguments::vector::<3>("pose", pose)?);
+    let mount = Mount::from_argument(mount)?;
+    let ball = ball.map(|ball| arguments::vector::<2>("ball", ball));
+    let ball = ball.transpose()?.map(single);
+    let own_body = own_body.map_or(Ok(true), |value| arguments::flag("own_body", value))?;
+    let exposure = exposure.map_or(Ok(1.0), |value| arguments::positive("exposure", value))?;
+    let blur_px = blur_px.map_or(Ok(1.3), |value| {
+        arguments::number_within("blur_px", value, BLUR_PX)
+    })?;
+    let seed = seed.map_or(Ok(1), |value| arguments::whole("seed", value, 0..=u64::MAX))?;
+    let robots = robots.map_or(Ok((3, Vec::new())), |value| {
+        arguments::rows("robots", value, &[3])
+    })?;
     let body = if own_body {
         BodyConfig::default()
     } else {
         bare()
     };
     let image_sensor = ImageSensorConfig {
-        exposure,
-        blur_px,
+        exposure: exposure as f32,
+        blur_px: blur_px as f32,
         ..ImageSensorConfig::default()
     };
+    let robots = robots.1.chunks_exact(3);
     let others: Vec<RobotState> = robots
-        .iter()
-        .map(|&[x, y, theta]| RobotState {
-            pose: Pose::new(x, y, theta),
+        .map(|pose| RobotState {
+            pose: Pose::new(pose[0], pose[1], pose[2]),
             velocity: [0.0; 2],
             yaw_rate: 0.0,
             team: TeamColour::Magenta,

@@ -8,13 +8,15 @@ use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::run::{Progress, ScenarioOptions, ScenarioRun};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
-use crate::arguments::{overrides, settings};
+use crate::arguments;
 use crate::errors;
+use crate::settings::{overrides, settings};
 
 /// Ctrl-C and `progress` wait for at most this long.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
+/// Shortest simulation, seconds: a millisecond.
+const DURATION_MIN: f64 = 0.001;
 /// Longest simulation, seconds: a month, as on the command line.
 const DURATION_MAX: f64 = 2_678_400.0;
 
@@ -23,44 +25,38 @@ const DURATION_MAX: f64 = 2_678_400.0;
 /// `change` and `config` replace single values of scenario and settings by dotted key; `config` may also be an overlay file. `progress` gets the simulated
 /// seconds about ten times a second; an exception that it raises ends the run, and leaves the log complete.
 #[pyfunction]
-#[pyo3(signature = (scenario, *, seed=None, duration_s=None, preset="default", change=None, config=None, record=None, images="png", progress=None))]
+#[pyo3(signature = (scenario, *, preset, images, seed=None, duration_s=None, change=None, config=None, record=None, progress=None))]
 #[expect(
     clippy::too_many_arguments,
     reason = "keyword arguments of a Python function"
 )]
 pub(crate) fn simulate<'py>(
     py: Python<'py>,
-    scenario: PathBuf,
-    seed: Option<u64>,
-    duration_s: Option<f64>,
-    preset: &str,
-    change: Option<&Bound<'py, PyDict>>,
+    scenario: &Bound<'py, PyAny>,
+    preset: &Bound<'py, PyAny>,
+    images: &Bound<'py, PyAny>,
+    seed: Option<&Bound<'py, PyAny>>,
+    duration_s: Option<&Bound<'py, PyAny>>,
+    change: Option<&Bound<'py, PyAny>>,
     config: Option<&Bound<'py, PyAny>>,
-    record: Option<PathBuf>,
-    images: &str,
+    record: Option<&Bound<'py, PyAny>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    if let Some(seconds) = duration_s
-        && !(seconds > 0.0 && seconds <= DURATION_MAX)
-    {
-        return Err(PyValueError::new_err(format!(
-            "invalid duration_s: {seconds} (expected seconds above 0 and at most {DURATION_MAX})"
-        )));
-    }
-    let images = ImageCompression::from_name(images).ok_or_else(|| {
-        PyValueError::new_err(format!(
-            "invalid images: {images:?} (expected png, jpeg or none)"
-        ))
-    })?;
+    let record = record.map(|path| arguments::path("record", path));
+    let compressions = ["png", "jpeg", "none"].map(|name| (name, name));
+    let images = arguments::choice("images", images, compressions)?;
+    let images = ImageCompression::from_name(images)
+        .ok_or_else(|| PyValueError::new_err(format!("invalid images: {images}")))?;
+    let record = record.transpose()?;
     let log_config = LogConfig {
         images,
         ..LogConfig::default()
     };
     let options = ScenarioOptions {
-        scenario,
-        changes: overrides(change)?,
-        seed,
-        duration: duration_s,
+        scenario: arguments::path("scenario", scenario)?,
+        changes: overrides("change", change)?,
+        seed: self::seed(seed)?,
+        duration: duration(duration_s)?,
         config: settings(preset, config)?,
         record: record.map(|path| (path, log_config)),
     };
@@ -78,8 +74,24 @@ pub(crate) fn simulate<'py>(
 
 /// Every file that a scenario needs, itself first.
 #[pyfunction]
-pub(crate) fn scenario_files(scenario: PathBuf) -> PyResult<Vec<PathBuf>> {
+pub(crate) fn scenario_files(scenario: &Bound<'_, PyAny>) -> PyResult<Vec<PathBuf>> {
+    let scenario = arguments::path("scenario", scenario)?;
     pipeline::run::scenario_files(&scenario).map_err(|error| errors::from_anyhow(&error))
+}
+
+/// The seed of a run, if one is given.
+pub(crate) fn seed(seed: Option<&Bound<'_, PyAny>>) -> PyResult<Option<u64>> {
+    seed.map(|seed| arguments::whole("seed", seed, 0..=u64::MAX))
+        .transpose()
+}
+
+/// The length of a run, if one is given, seconds.
+pub(crate) fn duration(duration_s: Option<&Bound<'_, PyAny>>) -> PyResult<Option<f64>> {
+    duration_s
+        .map(|duration| {
+            arguments::number_within("duration_s", duration, DURATION_MIN..=DURATION_MAX)
+        })
+        .transpose()
 }
 
 /// Attaches to Python now and then while a run goes on without it.

@@ -1,7 +1,5 @@
 //! A running scenario in Python: its samples one by one, its wheels under the caller's control.
 
-use std::path::PathBuf;
-
 use localize::Pose;
 use localize::frames::At;
 use localize::omni::Twist;
@@ -10,12 +8,20 @@ use pipeline::sample::{GroundTruth, ImageContent, Sample, SourceImage};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
-use crate::arguments::{finite, overrides};
+use crate::arguments::{self, single, vector_within};
 use crate::cycle::Cycle;
 use crate::errors;
 use crate::robot_pipeline::Pipeline;
+use crate::settings::overrides;
+use crate::simulation::{duration, seed as seed_or_none};
+
+/// Places farther from the field's centre are mistakes, metres and radians.
+const FARTHEST: f64 = 1000.0;
+/// Faster motions are mistakes, m/s and rad/s.
+const FASTEST: f64 = 1000.0;
+/// Stronger pushes are mistakes, N s.
+const STRONGEST: f64 = 10_000.0;
 
 /// A running scenario.
 #[pyclass(module = "mirrorball._core")]
@@ -24,16 +30,19 @@ pub(crate) struct Simulation(pipeline::simulation::Simulation);
 #[pymethods]
 impl Simulation {
     #[new]
-    #[pyo3(signature = (scenario, *, seed=None, duration_s=None, change=None, images=true))]
+    #[pyo3(signature = (scenario, *, images, seed=None, duration_s=None, change=None))]
     fn new(
         py: Python<'_>,
-        scenario: PathBuf,
-        seed: Option<u64>,
-        duration_s: Option<f64>,
-        change: Option<&Bound<'_, PyDict>>,
-        images: bool,
+        scenario: &Bound<'_, PyAny>,
+        images: &Bound<'_, PyAny>,
+        seed: Option<&Bound<'_, PyAny>>,
+        duration_s: Option<&Bound<'_, PyAny>>,
+        change: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let changes = overrides(change)?;
+        let scenario = arguments::path("scenario", scenario)?;
+        let images = arguments::flag("images", images)?;
+        let (seed, duration_s) = (seed_or_none(seed)?, duration(duration_s)?);
+        let changes = overrides("change", change)?;
         let loaded = py.detach(|| {
             pipeline::simulation::Simulation::with_overrides(&scenario, &changes, seed, duration_s)
         });
@@ -64,86 +73,84 @@ impl Simulation {
     }
 
     /// Drives with this velocity: forward, left (m/s), turn (rad/s). None: along the scenario's path.
-    fn command(&mut self, velocity: Option<[f32; 3]>) -> PyResult<()> {
-        let velocity = velocity.map(|velocity| finite("velocity", velocity));
-        let twist = velocity
-            .transpose()?
-            .map(|[x, y, theta]| Twist { x, y, theta });
+    fn command(&mut self, velocity: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let velocity = velocity.map(|velocity| vector_within("velocity", velocity, FASTEST));
+        let velocity = velocity.transpose()?.map(single);
+        let twist = velocity.map(|[x, y, theta]| Twist { x, y, theta });
         self.0.sim_mut().set_command(twist);
         Ok(())
     }
 
     /// Moves the robot to a pose, at rest.
-    fn kidnap(&mut self, pose: [f32; 3]) -> PyResult<()> {
-        let [x, y, theta] = finite("pose", pose)?;
+    fn kidnap(&mut self, pose: &Bound<'_, PyAny>) -> PyResult<()> {
+        let [x, y, theta] = single(vector_within("pose", pose, FARTHEST)?);
         self.0.sim_mut().kidnap(Pose::new(x, y, theta));
         Ok(())
     }
 
     /// Pushes the robot: an impulse on the field, N s.
-    fn push(&mut self, impulse: [f32; 2]) -> PyResult<()> {
-        let impulse = finite("impulse", impulse)?;
+    fn push(&mut self, impulse: &Bound<'_, PyAny>) -> PyResult<()> {
+        let impulse = single(vector_within("impulse", impulse, STRONGEST)?);
         self.0.sim_mut().apply_impulse(impulse);
         Ok(())
     }
 
     /// Places the ball on the field (metres) with a velocity (m/s).
-    fn place_ball(&mut self, position: [f32; 2], velocity: [f32; 2]) -> PyResult<()> {
-        let [x, y] = finite("position", position)?;
-        let velocity = finite("velocity", velocity)?;
+    fn place_ball(
+        &mut self,
+        position: &Bound<'_, PyAny>,
+        velocity: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let [x, y] = single(vector_within("position", position, FARTHEST)?);
+        let velocity = single(vector_within("velocity", velocity, FASTEST)?);
         self.0.sim_mut().place_ball(At::new(x, y), velocity);
         Ok(())
     }
 
     /// Moves another robot to a pose, at rest; `index` as in the truth.
-    fn place_robot(&mut self, index: usize, pose: [f32; 3]) -> PyResult<()> {
-        let [x, y, theta] = finite("pose", pose)?;
-        let count = self.0.sim().truth().others.len();
-        if index >= count {
-            return Err(PyValueError::new_err(format!(
-                "invalid index: {index} (expected less than {count}, the number of robots)"
-            )));
+    fn place_robot(&mut self, index: &Bound<'_, PyAny>, pose: &Bound<'_, PyAny>) -> PyResult<()> {
+        let [x, y, theta] = single(vector_within("pose", pose, FARTHEST)?);
+        let count = self.0.sim().truth().others.len() as u64;
+        if count == 0 {
+            let message = "invalid index: the scenario has no other robot";
+            return Err(PyValueError::new_err(message));
         }
+        let index = arguments::whole("index", index, 0..=count - 1)? as usize;
         self.0.sim_mut().place_other(index, Pose::new(x, y, theta));
         Ok(())
     }
 
     /// Light on the field in place of the scenario's, 1 = normal. None: the scenario's again.
-    fn set_light(&mut self, level: Option<f32>) -> PyResult<()> {
-        if level.is_some_and(|level| !(0.0..=100.0).contains(&level)) {
-            return Err(PyValueError::new_err(format!(
-                "invalid level: {level:?} (expected 0 to 100)"
-            )));
-        }
+    fn set_light(&mut self, level: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let level = level.map(|level| arguments::number_within("level", level, 0.0..=100.0));
+        let level = level.transpose()?.map(|level| level as f32);
         self.0.sim_mut().set_light_level(level);
         Ok(())
     }
 
     /// Exposure and gain of the camera from the next image on.
-    fn set_camera(&mut self, exposure: f32, gain: f32) -> PyResult<()> {
-        let [exposure, gain] = finite("exposure, gain", [exposure, gain])?;
-        if exposure <= 0.0 || gain <= 0.0 {
-            return Err(PyValueError::new_err(format!(
-                "invalid exposure, gain: {exposure}, {gain} (expected positive numbers)"
-            )));
-        }
-        self.0.set_camera(exposure, gain);
+    fn set_camera(&mut self, exposure: &Bound<'_, PyAny>, gain: &Bound<'_, PyAny>) -> PyResult<()> {
+        let exposure = arguments::positive("exposure", exposure)?;
+        let gain = arguments::positive("gain", gain)?;
+        self.0.set_camera(exposure as f32, gain as f32);
         Ok(())
     }
 
     /// Sets the camera as the exposure control of a cycle's pipeline asks, with the delay of a real camera.
-    fn apply_camera_command(&mut self, cycle: &Cycle) {
-        if let Some(command) = cycle.0.camera_command() {
+    fn apply_camera_command(&mut self, cycle: &Bound<'_, PyAny>) -> PyResult<()> {
+        let cycle: &Bound<'_, Cycle> = arguments::instance("cycle", cycle)?;
+        if let Some(command) = cycle.get().0.camera_command() {
             self.0.command_camera(command);
         }
+        Ok(())
     }
 
     /// The pipeline of the simulated robot.
-    #[pyo3(signature = (*, preset="default", config=None))]
+    #[pyo3(signature = (*, preset, config=None))]
     fn pipeline(
         &self,
         py: Python<'_>,
-        preset: &str,
+        preset: &Bound<'_, PyAny>,
         config: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Pipeline> {
         let setup = self

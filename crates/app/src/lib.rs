@@ -1,6 +1,7 @@
 //! The executable `mirrorball`: its command line, and what each command runs around the pipeline.
 //!
-//! The crate exports only the command line and what fuzz targets feed with datagrams and with messages of a live stream.
+//! The crate exports only the command line and what fuzz targets feed with datagrams, with both sides of a live stream, and
+//! with network.toml.
 
 mod cli;
 
@@ -25,5 +26,6 @@ mod progress;
 mod python;
 
 pub use cli::run;
+pub use net::check_network_file;
 pub use net::commands::{CommandConfig, CommandFilter, RemoteCommand, RobotIdentity};
-pub use stream::{StreamEvent, StreamMessages, TextAnswer};
+pub use stream::{StreamEvent, StreamMessages, TextAnswer, check_client_bytes};

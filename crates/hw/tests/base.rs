@@ -174,19 +174,29 @@ fn wheels_stop_without_fresh_commands() {
         x: 1.0,
         ..Twist::default()
     };
-    let start = hw::now();
-    base.handle()
-        .drive(MotionCommand::Twist(forward), start + 10.0)
-        .expect("driven");
+    let drive = || {
+        base.handle()
+            .drive(MotionCommand::Twist(forward), hw::now() + 10.0)
+            .expect("driven");
+        hw::now()
+    };
+    let is_driven = |commands: &[WheelCommand]| {
+        let mut speeds = commands.iter().map(|command| command.speed_crad);
+        speeds.any(|speeds| speeds != [0; 4])
+    };
+    let mut driven_at = drive();
     wait_until("many zero commands after the speeds", || {
         board.send_counts(0);
+        // A loaded machine may delay the bus for longer than a command is valid.
+        if !is_driven(&commands) && hw::now() - driven_at > 2.0 {
+            driven_at = drive();
+        }
         commands.extend(board.received_wheel_commands());
         let last = commands
             .iter()
             .rev()
             .take_while(|command| command.speed_crad == [0; 4]);
-        let driven = commands.iter().any(|command| command.speed_crad != [0; 4]);
-        (driven && last.count() > 30).then_some(())
+        (is_driven(&commands) && last.count() > 30).then_some(())
     });
     let first_stop = commands
         .iter()
@@ -328,7 +338,8 @@ fn non_finite_command_stops_the_wheels_and_kick_is_sent_once() {
         speed: 7.5,
         lofted: true,
     };
-    base.handle().kick(kick, short_deadline()).expect("kicked");
+    // A loaded machine may send it later than the usual deadline.
+    base.handle().kick(kick, hw::now() + 60.0).expect("kicked");
     let mut kicks = Vec::new();
     let mut after = 0;
     wait_until("a kick and 30 messages after it", || {

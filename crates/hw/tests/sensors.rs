@@ -137,8 +137,16 @@ impl FakeCamera {
     }
 
     fn send(&mut self, bytes: &[u8]) {
-        // The driver may have disconnected meanwhile; it will connect again.
-        let _gone = self.peer.as_mut().expect("a peer").write_all(bytes);
+        // The driver takes this program for stalled if the machine delays it, and connects again.
+        if self
+            .peer
+            .as_mut()
+            .expect("a peer")
+            .write_all(bytes)
+            .is_err()
+        {
+            self.accept();
+        }
     }
 }
 
@@ -150,7 +158,8 @@ fn camera_device(path: &std::path::Path) -> CameraDeviceConfig {
         exposure: Some(0.01),
         gain: None,
         white_balance_k: None,
-        stall: 0.2,
+        // A loaded machine delays a thread by some tenths of a second.
+        stall: 2.0,
     }
 }
 

@@ -162,6 +162,39 @@ fn field_half_is_unknown_until_a_compass_reading() {
 }
 
 #[test]
+fn localizer_that_goes_on_keeps_the_doubt_about_the_field_half() {
+    let mut rest = drive(5, SyntheticDriveConfig::default()).take(60);
+    let mut before = localizer();
+    for frame in rest.by_ref().take(30) {
+        before.add_odometry(&frame.odometry);
+        before.process_points(frame.stamp, &frame.points);
+    }
+    let half = before.tracked_half().expect("tracked");
+    assert!(half.log_odds < 1.0 && !half.established, "{half:?}");
+    let frame = rest.next().expect("a frame");
+    before.add_odometry(&frame.odometry);
+    let last = before.process_points(frame.stamp, &frame.points);
+    let pose = last.pose.expect("a pose");
+    let mut resumed = localizer();
+    resumed.resume_pose(frame.stamp, pose, &last.covariance, half);
+    let mut given = localizer();
+    given.set_pose(frame.stamp, pose, &last.covariance);
+    for frame in rest {
+        for localizer in [&mut resumed, &mut given] {
+            localizer.add_odometry(&frame.odometry);
+        }
+        let estimate = resumed.process_points(frame.stamp, &frame.points);
+        assert_eq!(
+            (estimate.mode, estimate.half_known),
+            (Mode::Global, false),
+            "a new localizer knows no more than the one before"
+        );
+        let estimate = given.process_points(frame.stamp, &frame.points);
+        assert!(estimate.half_known, "the half of a given pose is known");
+    }
+}
+
+#[test]
 fn kidnapped_robot_says_lost_and_is_located_within_24_frames() {
     let covered = SyntheticDriveConfig {
         occluded_share: 0.25,

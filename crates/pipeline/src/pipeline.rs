@@ -190,13 +190,22 @@ impl Pipeline {
     pub fn warm_start_at(&self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) -> WarmStart {
         WarmStart {
             pose: Some(StampedPose::new(stamp, pose, covariance)),
+            half: None,
             ..self.warm_start()
         }
     }
 
+    /// True while several hypotheses explain the images: a new pipeline would have to search again.
+    pub fn has_several_hypotheses(&self) -> bool {
+        self.localizer.has_several_hypotheses()
+    }
+
     fn warm_start(&self) -> WarmStart {
+        let half = self.localizer.tracked_half();
         WarmStart {
-            pose: self.last_pose,
+            // The best of several hypotheses is not a pose to track.
+            pose: self.last_pose.filter(|_| half.is_some()),
+            half,
             exposure: self.exposure.as_ref().map(AutoExposure::state),
         }
     }
@@ -205,7 +214,10 @@ impl Pipeline {
         self.last_pose = state.pose;
         if let Some(last) = &state.pose {
             let (stamp, pose, covariance) = last.parts();
-            self.localizer.set_pose(stamp, pose, &covariance);
+            match state.half {
+                Some(half) => self.localizer.resume_pose(stamp, pose, &covariance, half),
+                None => self.localizer.set_pose(stamp, pose, &covariance),
+            }
         }
         if let (Some(exposure), Some(before)) = (&mut self.exposure, state.exposure) {
             exposure.continue_from(before);

@@ -3,6 +3,7 @@
 //! All else is learned anew, so a log that holds this state at a cycle can be computed again from there on.
 
 use anyhow::{Context, Result, ensure};
+use localize::localizer::HalfState;
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
@@ -11,8 +12,10 @@ use vision::exposure::ExposureState;
 /// The state that one pipeline hands over to the next.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct WarmStart {
-    /// None if the robot was not localized in the latest image.
+    /// None if no single pose was tracked in the latest image.
     pub(crate) pose: Option<StampedPose>,
+    /// What was known about the pose's half of the field. None if the pose was given: then its half counts as known.
+    pub(crate) half: Option<HalfState>,
     /// None without a camera.
     pub(crate) exposure: Option<ExposureState>,
 }
@@ -60,8 +63,9 @@ impl WarmStart {
             let covariance = pose.covariance.iter().flatten();
             pose.pose.iter().chain(covariance)
         });
+        let half = state.half.iter().flat_map(|h| [&h.log_odds, &h.withheld]);
         ensure!(
-            numbers.clone().all(|number| number.is_finite()),
+            numbers.chain(half).all(|number| number.is_finite()),
             "a warm start from a pose that is not finite"
         );
         Ok(state)
@@ -79,6 +83,11 @@ mod tests {
         let pose = Pose::new(third, -0.1, 3.0e-8);
         let state = WarmStart {
             pose: Some(StampedPose::new(Stamp(i64::MAX), pose, &covariance)),
+            half: Some(HalfState {
+                log_odds: -third,
+                withheld: -0.25,
+                established: false,
+            }),
             exposure: None,
         };
         let read = WarmStart::from_toml(&state.to_toml()).expect("read");
@@ -89,8 +98,11 @@ mod tests {
             WarmStart::from_toml(&WarmStart::default().to_toml()).expect("read"),
             WarmStart::default()
         );
-        let infinite = state.to_toml().replace("-0.1", "inf");
-        WarmStart::from_toml(&infinite).expect_err("not finite");
+        for number in ["-0.1", "-0.25"] {
+            let infinite = state.to_toml().replace(number, "inf");
+            assert_ne!(infinite, state.to_toml());
+            WarmStart::from_toml(&infinite).expect_err("not finite");
+        }
         WarmStart::from_toml("pose = 3").expect_err("not a state");
     }
 }

@@ -20,7 +20,7 @@ counts = [len(vision.process(image).points) for image in images]
 from mirrorball import _core
 from mirrorball.vision import detections_from_columns
 
-same = detections_from_columns(_core.Vision(map=upright, camera=camera).process(images[0]))
+same = detections_from_columns(_core.Vision(line_width_m=0.125, map=upright, camera=camera).process(images[0]))
 
 # %% calibrate_lines, Residual
 from mirrorball.vision import Residual, calibrate_lines

@@ -34,3 +34,7 @@ __all__ = [
     "table",
     "write_parquet",
 ]
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "video"]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mirrorball import _core
 from mirrorball.analysis.tables import as_log, cycles
+from mirrorball.arguments import checked
 from mirrorball.log import Log
 
 __all__ = ["Finding", "findings", "findings_table", "images_of"]
@@ -41,6 +42,7 @@ class Finding:
     """The finding in one sentence."""
 
 
+@checked
 def findings(log: Log | str | Path) -> list[Finding]:
     """The moments of a log that deserve a look, in order of time.
 
@@ -57,6 +59,7 @@ def findings(log: Log | str | Path) -> list[Finding]:
     ]
 
 
+@checked
 def findings_table(found: list[Finding]) -> pd.DataFrame:
     """One row a finding: kind, start_s, stop_s, worst_s, size, causes, sentence, severity."""
     rows = [(each.kind, each.start_s, each.stop_s, each.worst_s, each.size, ", ".join(each.causes), each.sentence,
@@ -65,6 +68,7 @@ def findings_table(found: list[Finding]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
+@checked
 def images_of(log: Log | str | Path, found: list[Finding]) -> dict[Finding, NDArray[np.uint8]]:
     """The image at the worst moment of each finding, rows × columns × (red, green, blue), where the log has one."""
     log = as_log(log)

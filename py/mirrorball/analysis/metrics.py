@@ -7,15 +7,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from mirrorball.arguments import checked, invalid, require_columns
+
 ERROR_METRICS = {"position error, cm": ("error_m", 100.0), "heading error, °": ("error_theta_rad", 180.0 / np.pi)}
 TIME_METRICS = {"vision, ms": ("see_ms", 1.0), "localization, ms": ("localize_ms", 1.0)}
 OTHER_METRICS = {"line points": ("line_points", 1.0), "normalised error²": ("nees", 1.0)}
 
 
+@checked
 def summary(cycles: pd.DataFrame) -> pd.DataFrame:
     """Mean, median, 95 % and largest of errors, times and counts; one row each, those unknown left out."""
+    metrics = ERROR_METRICS | TIME_METRICS | OTHER_METRICS
+    require_columns("cycles", cycles, (column for column, _ in metrics.values()))
     rows = {}
-    for name, (column, scale) in (ERROR_METRICS | TIME_METRICS | OTHER_METRICS).items():
+    for name, (column, scale) in metrics.items():
         values = scale * cycles[column].abs().dropna()
         if len(values):
             rows[name] = (values.mean(), values.median(), values.quantile(0.95), values.max(), len(values))
@@ -31,12 +36,14 @@ def shares(cycles: pd.DataFrame) -> dict[str, float]:
     return found
 
 
+@checked
 def dropouts(cycles: pd.DataFrame, *, gap_factor: float = 1.5) -> pd.DataFrame:
     """What is missing: kind, start_s, stop_s, detail.
 
     `dropped`: cycles that the recorder had no room for (their numbers are missing). `gap`: no frame for more than
     `gap_factor` usual periods. `unusable`: a frame that could not be read. `lost`: no pose.
     """
+    require_columns("cycles", cycles, ("stamp_s", "index", "mode", "reason"))
     rows: list[tuple[str, float, float, str]] = []
     stamps, index = cycles["stamp_s"].to_numpy(), cycles["index"].to_numpy()
     periods = np.diff(stamps)
@@ -60,6 +67,7 @@ def true_intervals(mask: Any) -> list[tuple[int, int]]:
     return [(int(begin), int(end) - 1) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
 
 
+@checked
 def paired_difference(
     first: pd.DataFrame, second: pd.DataFrame, *, column: str = "error_m", resamples: int = 2000, seed: int = 1
 ) -> dict[str, float]:
@@ -68,6 +76,9 @@ def paired_difference(
     Frames follow one another, and so do their errors. Whole seconds are drawn, so that the interval is not too narrow.
     Keys: frames, mean_first, mean_second, difference, low, high. ValueError if no stamp agrees.
     """
+    require_columns("column", first, [column])
+    if resamples < 1:
+        raise ValueError(invalid("resamples", resamples, "at least 1"))
     both = difference(first, second)
     both = both[both[f"{column}_1"].notna() & both[f"{column}_2"].notna()]
     if both.empty:
@@ -87,8 +98,11 @@ def paired_difference(
     }
 
 
+@checked
 def difference(first: pd.DataFrame, second: pd.DataFrame, *, tolerance_s: float = 0.002) -> pd.DataFrame:
     """Two runs frame by frame, where their stamps agree: poses' distance apart, and each one's columns as `_1` and `_2`."""
+    for name, run in (("first", first), ("second", second)):
+        require_columns(name, run, ("stamp_s", "x_m", "y_m", "theta_rad"))
     one, two = (run.sort_values("stamp_s") for run in (first, second))
     both = pd.merge_asof(one, two.assign(stamp_2_s=two["stamp_s"]), on="stamp_s", direction="nearest",
                          tolerance=tolerance_s, suffixes=("_1", "_2"))  # fmt: skip

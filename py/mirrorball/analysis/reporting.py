@@ -11,8 +11,10 @@ from mirrorball.analysis import figures
 from mirrorball.analysis.findings import Finding, findings, images_of
 from mirrorball.analysis.metrics import difference, dropouts, paired_difference, shares, summary
 from mirrorball.analysis.tables import as_log, cycles, exposure
+from mirrorball.arguments import checked
 from mirrorball.html_page import inline, picture, png_bytes, table, write
 from mirrorball.log import Log
+from mirrorball.records import Record
 
 FINDINGS_MAX = 200
 """Findings that a page lists."""
@@ -22,8 +24,8 @@ PICTURED = ("error", "overconfident", "lost", "leap", "uncertain", "unusable", "
 """Kinds of findings in the order in which their images are worth a look."""
 
 
-@dataclass(frozen=True)
-class Report:
+@dataclass(frozen=True, eq=False)
+class Report(Record):
     """Tables of a report, and its page."""
 
     page: Path
@@ -33,6 +35,7 @@ class Report:
     findings: tuple[Finding, ...] = ()
 
 
+@checked
 def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10) -> Report:
     """Writes index.html about one log. The light is measured in each `images_every`-th image; 0 leaves it out."""
     log = as_log(log)
@@ -60,6 +63,7 @@ def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10)
     return Report(page=page, cycles=(run,), summary=found, dropouts=missing, findings=tuple(moments))
 
 
+@checked
 def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | Path) -> Report:
     """Writes index.html about two logs of one drive (or of two): their figures side by side, and how far apart they are."""
     logs = (as_log(first), as_log(second))

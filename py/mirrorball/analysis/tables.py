@@ -11,10 +11,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mirrorball.analysis.units import with_unit
+from mirrorball.arguments import checked
 from mirrorball.log import Log
 
 CYCLE_ELEMENTS = {
-    **{f"estimate.covariance[{3 * row + column}]": f"covariance_{row}{column}" for row in range(3) for column in range(row, 3)},
+    "estimate.covariance[0]": "covariance_xx_m2",
+    "estimate.covariance[1]": "covariance_xy_m2",
+    "estimate.covariance[2]": "covariance_xtheta_mrad",
+    "estimate.covariance[4]": "covariance_yy_m2",
+    "estimate.covariance[5]": "covariance_ytheta_mrad",
+    "estimate.covariance[8]": "covariance_thetatheta_rad2",
     "estimate.lean[0]": "lean_a_rad",
     "estimate.lean[1]": "lean_b_rad",
     "truth.ball[0]": "true_ball_x_m",
@@ -47,12 +54,12 @@ CYCLE_COLUMNS = {
 }
 """Names of a cycle's columns that are used most; the others keep the names of their messages, with a unit."""
 
-UNITS = (
-    (re.compile(r".*velocity_[xy]$"), "_mps"),
-    (re.compile(r".*(ball|pose|on_field)_[xy]$"), "_m"),
-    (re.compile(r".*_theta$"), "_rad"),
+COVARIANCE = (
+    ("covariance_xx_m2", "covariance_xy_m2", "covariance_xtheta_mrad"),
+    ("covariance_xy_m2", "covariance_yy_m2", "covariance_ytheta_mrad"),
+    ("covariance_xtheta_mrad", "covariance_ytheta_mrad", "covariance_thetatheta_rad2"),
 )
-"""Units of names that have none."""
+"""Columns of the pose's covariance, row by row."""
 
 
 def as_log(log: Log | str | Path) -> Log:
@@ -60,15 +67,17 @@ def as_log(log: Log | str | Path) -> Log:
     return log if isinstance(log, Log) else Log(log)
 
 
+@checked
 def table(log: Log | str | Path, topic: str, *, start_s: float | None = None, stop_s: float | None = None) -> pd.DataFrame:
-    """One row a message of a topic; columns as in `Log.columns`. Beside each quaternion stands its yaw, radians."""
+    """One row a message of a topic; columns as in `Log.columns`, with their units. Beside each quaternion stands its yaw."""
     found = pd.DataFrame(as_log(log).columns(topic, start_s=start_s, stop_s=stop_s))
     for name in [name.removesuffix("_w") for name in found.columns if name.endswith(("orientation_w", "rotation_w"))]:
         x, y, z, w = (found[f"{name}_{part}"] for part in "xyzw")
         found[f"{name}_yaw_rad"] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return found
+    return found.rename(columns={name: with_unit(name, topic) for name in found.columns})
 
 
+@checked
 def cycles(
     log: Log | str | Path, *, start_s: float | None = None, stop_s: float | None = None, counts: bool = False
 ) -> pd.DataFrame:
@@ -81,7 +90,7 @@ def cycles(
     log = as_log(log)
     columns = log.columns("/cycle", elements=list(CYCLE_ELEMENTS), start_s=start_s, stop_s=stop_s)
     run = pd.DataFrame(columns).rename(columns=CYCLE_COLUMNS)
-    run = run.rename(columns={name: name + unit for name in run.columns for pattern, unit in UNITS if pattern.match(name)})
+    run = run.rename(columns={name: with_unit(name, "/cycle") for name in run.columns})
     if not counts:
         run = run.drop(columns=[name for name in run.columns if name.endswith("_count")])
     run["stamp_s"] = 1e-9 * run.pop("stamp_ns")
@@ -91,7 +100,7 @@ def cycles(
 def add_errors(found: pd.DataFrame) -> pd.DataFrame:
     """Adds standard deviations, errors against truth and their NEES (3 on average if the covariance is consistent)."""
     for index, name in enumerate(("x_m", "y_m", "theta_rad")):
-        found[f"std_{name}"] = np.sqrt(found[f"covariance_{index}{index}"].clip(lower=0.0))
+        found[f"std_{name}"] = np.sqrt(found[COVARIANCE[index][index]].clip(lower=0.0))
     dx, dy = found["x_m"] - found["true_x_m"], found["y_m"] - found["true_y_m"]
     turned = np.mod(found["theta_rad"] - found["true_theta_rad"] + np.pi, 2.0 * np.pi) - np.pi
     found["error_x_m"], found["error_y_m"], found["error_theta_rad"] = dx, dy, turned
@@ -104,8 +113,7 @@ def _nees(found: pd.DataFrame, error: NDArray[Any]) -> NDArray[np.float64]:
     matrix = np.empty((len(found), 3, 3))
     for row in range(3):
         for column in range(3):
-            low, high = sorted((row, column))
-            matrix[:, row, column] = found[f"covariance_{low}{high}"]
+            matrix[:, row, column] = found[COVARIANCE[row][column]]
     known = np.isfinite(error).all(axis=1) & np.isfinite(matrix).all(axis=(1, 2))
     known[known] &= np.linalg.det(matrix[known]) > 0.0
     nees = np.full(len(found), np.nan)
@@ -113,6 +121,7 @@ def _nees(found: pd.DataFrame, error: NDArray[Any]) -> NDArray[np.float64]:
     return nees
 
 
+@checked
 def points(log: Log | str | Path, *, start_s: float | None = None, stop_s: float | None = None) -> pd.DataFrame:
     """One row a line point, robot frame: stamp_s, x_m, y_m, std_radial_m, std_tangential_m."""
     rows = as_log(log).rows("/cycle", "points", start_s=start_s, stop_s=stop_s)
@@ -120,6 +129,7 @@ def points(log: Log | str | Path, *, start_s: float | None = None, stop_s: float
     return pd.DataFrame(rows).rename(columns=names)
 
 
+@checked
 def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
     """One row an image (of each `every`-th): mean brightness 0 to 255, share of saturated and of black pixels, entropy.
 
@@ -140,6 +150,7 @@ def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["stamp_s", "brightness", "saturated_share", "black_share", "entropy"])
 
 
+@checked
 def stream(log: Log | str | Path, topic: str, *, rows: int = 10_000) -> Iterator[pd.DataFrame]:
     """A topic's table in pieces of about `rows` rows, for topics that do not fit into memory."""
     log = as_log(log)
@@ -165,6 +176,7 @@ def _piece_borders(times_ns: NDArray[np.uint64], rows: int) -> list[float]:
     return borders
 
 
+@checked
 def write_parquet(log: Log | str | Path, *, folder: str | Path, topics: list[str] | None = None) -> list[Path]:
     """Writes each topic's table (but images) as Parquet, piece by piece; /cycle with its errors against truth."""
     import pyarrow as pa

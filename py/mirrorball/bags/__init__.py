@@ -14,3 +14,7 @@ from mirrorball.bags.importing import ImportedTopic, ImportSummary, import_bag
 from mirrorball.bags.topics import BagTopic, Selection, list_topics
 
 __all__ = ["BagTopic", "ImportSummary", "ImportedTopic", "Selection", "import_bag", "list_topics"]
+
+
+def __dir__() -> list[str]:
+    return __all__

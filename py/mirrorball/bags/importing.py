@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mirrorball.arguments import checked
 from mirrorball.bags.motion import StaticRotations
 from mirrorball.bags.reading import decode, message_stamp_ns, open_bag
 from mirrorball.bags.tables import CONVERTERS, TableWriter
@@ -47,6 +48,7 @@ class ImportSummary:
     warnings: tuple[str, ...]
 
 
+@checked
 def import_bag(
     bag: str | Path,
     folder: str | Path,

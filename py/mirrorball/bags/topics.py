@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from mirrorball.arguments import checked
 from mirrorball.bags.reading import open_bag
 
 __all__ = ["ROLES", "BagTopic", "Selection", "choose_topics", "list_topics", "topics_of"]
@@ -47,6 +48,7 @@ class BagTopic:
     """What an import would take it for by its type."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Selection:
     """Names of topics. None: found by type. Empty: left out."""
@@ -69,6 +71,7 @@ def topics_of(reader: Any) -> list[BagTopic]:
     return found
 
 
+@checked
 def list_topics(bag: str | Path) -> list[BagTopic]:
     """The topics of a bag by name."""
     with open_bag(bag) as reader:

@@ -106,3 +106,7 @@ __all__ = [
     "write_step",
     "write_stl",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__

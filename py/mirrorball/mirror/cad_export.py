@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorball.arguments import checked
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reflection import Array
 from mirrorball.output_file import replacing
@@ -29,6 +30,7 @@ class Export:
     deviation_m: float
 
 
+@checked
 def write_csv(mirror: Mirror, path: str | Path, *, step_m: float = 1e-4) -> Export:
     """`radius_m,height_m` above the ground, to the picometre: what robot.toml's `profile` names."""
     path = Path(path)
@@ -40,6 +42,7 @@ def write_csv(mirror: Mirror, path: str | Path, *, step_m: float = 1e-4) -> Expo
     return Export(path, 0.5e-12)
 
 
+@checked
 def write_dxf(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-7) -> Export:
     """The meridian as polylines in millimetres, one layer for each part, chords no further off than `deviation_m`."""
     # Loading it costs a third of a second, which only drawings should pay.
@@ -63,6 +66,7 @@ def write_dxf(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-7) ->
     return Export(path, worst)
 
 
+@checked
 def write_stl(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-5, back_m: float = 0.01) -> Export:
     """The turned body as binary STL in millimetres: mirror below, a flat back `back_m` above the highest point.
 
@@ -90,6 +94,7 @@ def write_stl(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-5, ba
     return Export(path, float(max(piece[2] for piece in pieces) + sag + rounding))
 
 
+@checked
 def write_step(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-7, back_m: float = 0.01) -> Export:
     """The turned body as STEP AP214 in millimetres: a smooth surface of revolution for each part.
 
@@ -102,6 +107,7 @@ def write_step(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-7, b
     return Export(Path(path), deviation)
 
 
+@checked
 def read_stl(path: str | Path) -> Array:
     """Facets of a binary STL in metres: n × 3 corners × 3; ValueError if the file is none."""
     raw = Path(path).read_bytes()
@@ -112,6 +118,7 @@ def read_stl(path: str | Path) -> Array:
     return np.asarray(record["corner"], dtype=np.float64) / MM_PER_M
 
 
+@checked
 def read_dxf(path: str | Path) -> list[Array]:
     """The polylines of a drawing that `write_dxf` made: radius and height above the pinhole, metres."""
     import ezdxf

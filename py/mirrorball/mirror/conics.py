@@ -5,8 +5,8 @@ Every closed part ends where its caller says: at a slope t, at a radius, or wher
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy
@@ -27,72 +27,110 @@ class EndCondition:
     radius_m: float | None = None
 
 
+class Shape(Protocol):
+    """Y(t) (NaN where the ray misses) and Y′(t, Y). A class, not two functions, so that a mirror can be pickled."""
+
+    def height(self, t: Array) -> Array:
+        """Y(t)."""
+        ...
+
+    def tangent(self, t: Array, y: Array) -> Array:
+        """Y′(t, Y)."""
+        ...
+
+
 @dataclass(frozen=True)
-class Shape:
-    """Y(t) (NaN where the ray misses) and Y′(t, Y)."""
-
-    height: Callable[[Array], Array]
-    tangent: Callable[[Array, Array], Array]
-
-
-def straight(start: Start, slope: float) -> Shape:
+class Straight:
     """A cone, or with slope 0 a plane, from where the part begins."""
 
-    def height(t: Array) -> Array:
-        facing = 1.0 - slope * t
+    start: Start
+    slope: float
+
+    def height(self, t: Array) -> Array:
+        """Y(t)."""
+        facing = 1.0 - self.slope * t
         with np.errstate(divide="ignore"):
-            y = (start.y_m - slope * start.x_m) / facing
+            y = (self.start.y_m - self.slope * self.start.x_m) / facing
         return np.where(facing > 0.0, y, np.nan)
 
-    return Shape(height, lambda t, _y: np.full_like(t, slope))
+    def tangent(self, t: Array, _y: Array) -> Array:
+        """The slope."""
+        return np.full_like(t, self.slope)
 
 
-def parabola(*, x_m: float, y_m: float, slope: float, curve_per_m: float) -> Shape:
+@dataclass(frozen=True, kw_only=True)
+class Parabola:
     """Y = Y₀ + s·(X − X₀) + k/2·(X − X₀)²: the tangent changes evenly with the radius (lima2001 2.3)."""
 
-    def height(t: Array) -> Array:
-        square = curve_per_m * t**2 / 2.0
-        linear = slope * t - curve_per_m * x_m * t - 1.0
-        constant = y_m - slope * x_m + curve_per_m * x_m**2 / 2.0
+    x_m: float
+    y_m: float
+    slope: float
+    curve_per_m: float
+
+    def height(self, t: Array) -> Array:
+        """Y(t)."""
+        square = self.curve_per_m * t**2 / 2.0
+        linear = self.slope * t - self.curve_per_m * self.x_m * t - 1.0
+        constant = self.y_m - self.slope * self.x_m + self.curve_per_m * self.x_m**2 / 2.0
         with np.errstate(invalid="ignore"):
             root = np.sqrt(linear**2 - 4.0 * square * constant)
         y = 2.0 * constant / (root - linear)
-        return np.where(1.0 - t * (slope + curve_per_m * (t * y - x_m)) > 0.0, y, np.nan)
+        return np.where(1.0 - t * (self.slope + self.curve_per_m * (t * y - self.x_m)) > 0.0, y, np.nan)
 
-    return Shape(height, lambda t, y: slope + curve_per_m * (t * y - x_m))
+    def tangent(self, t: Array, y: Array) -> Array:
+        """Y′(t, Y)."""
+        return self.slope + self.curve_per_m * (t * y - self.x_m)
 
 
-def circle(start: Start, radius_m: float) -> Shape:
+@dataclass(frozen=True)
+class Circle:
     """The lower side of a sphere about the axis, through the point where the part begins."""
-    centre = start.y_m + np.sqrt(radius_m**2 - start.x_m**2)
 
-    def height(t: Array) -> Array:
+    start: Start
+    radius_m: float
+
+    @property
+    def centre(self) -> float:
+        """Of the sphere, above the pinhole."""
+        return float(self.start.y_m + np.sqrt(self.radius_m**2 - self.start.x_m**2))
+
+    def height(self, t: Array) -> Array:
+        """Y(t)."""
         bend = 1.0 + t**2
         with np.errstate(invalid="ignore"):
-            root = np.sqrt(centre**2 - bend * (centre**2 - radius_m**2))
-        return np.asarray((centre - root) / bend)
+            root = np.sqrt(self.centre**2 - bend * (self.centre**2 - self.radius_m**2))
+        return np.asarray((self.centre - root) / bend)
 
-    return Shape(height, lambda t, y: t * y / (centre - y))
+    def tangent(self, t: Array, y: Array) -> Array:
+        """Y′(t, Y)."""
+        return t * y / (self.centre - y)
 
 
-def hyperbola(start: Start, eccentricity: float) -> Shape:
+@dataclass(frozen=True)
+class Hyperbola:
     """The far sheet of a hyperboloid whose second focus is the pinhole: r = a·(e² − 1)/(e·cos β − 1)."""
-    parameter = np.hypot(start.x_m, start.y_m) * (eccentricity / np.hypot(1.0, start.t) - 1.0)
 
-    def height(t: Array) -> Array:
-        facing = eccentricity - np.sqrt(1.0 + t**2)
+    start: Start
+    eccentricity: float
+
+    @property
+    def parameter(self) -> float:
+        """a·(e² − 1), so that the sheet passes where the part begins."""
+        start = self.start
+        return float(np.hypot(start.x_m, start.y_m) * (self.eccentricity / np.hypot(1.0, start.t) - 1.0))
+
+    def height(self, t: Array) -> Array:
+        """Y(t)."""
+        facing = self.eccentricity - np.sqrt(1.0 + t**2)
         with np.errstate(divide="ignore"):
-            y = parameter / facing
+            y = self.parameter / facing
         return np.where(facing > 0.0, y, np.nan)
 
-    # Both foci lie on the axis, 2c apart; the tangent halves the angle between the two focal rays.
-    foci_apart = 2.0 * eccentricity * parameter / (eccentricity**2 - 1.0)
-
-    def tangent(t: Array, y: Array) -> Array:
+    def tangent(self, t: Array, y: Array) -> Array:
+        """Both foci lie on the axis, 2c apart; the tangent halves the angle between the two focal rays."""
+        foci_apart = 2.0 * self.eccentricity * self.parameter / (self.eccentricity**2 - 1.0)
         gamma = np.arctan2(t * y, foci_apart - y)
         return np.asarray(np.tan((gamma - np.arctan(t)) / 2.0))
-
-    return Shape(height, tangent)
 
 
 def close(

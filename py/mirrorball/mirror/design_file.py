@@ -6,7 +6,7 @@ Keys are the arguments of the Python classes without their `_m`: metres are sile
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from mirrorball._core import Camera
+from mirrorball.arguments import checked
 from mirrorball.mirror import parts, requirements
 from mirrorball.mirror.optical_analysis import Lens
 from mirrorball.mirror.profile_design import Mirror, design
@@ -72,6 +73,7 @@ class DesignSpec:
     """How the requirements are satisfied, if the file states any."""
 
 
+@checked
 def load(source: str | Path, *, progress: bool = True) -> DesignSpec:
     """Reads a TOML design, or takes a ready-made one by name. ValueError names file, table and key that are wrong."""
     if str(source) in REFERENCE_DESIGNS:
@@ -148,7 +150,7 @@ def _parse_camera(row: dict[str, Any]) -> Camera:
         values["centre_px"] = tuple(values["centre_px"])
     try:
         return Camera(**values)
-    except (TypeError, OverflowError) as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f"[camera]: {error}") from error
 
 
@@ -166,15 +168,21 @@ def _parse_freeform(row: dict[str, Any], place: str) -> parts.Free:
     points = np.array(_require_key(row, "points", f"{place} (free)"), dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < 4 or (np.diff(points[:, 0]) <= 0.0).any():
         raise ValueError(f"{place} (free): points must be at least four rows [t, distance, height] with rising t")
-    curve = scipy.interpolate.CubicSpline(points[:, 0], points[:, 1:])
-
-    def target(t: Array) -> tuple[Array, Array]:
-        found = curve(t)
-        return found[..., 0], found[..., 1]
-
+    if not np.isfinite(points).all():
+        raise ValueError(f"{place} (free): points must be finite numbers")
+    target = _CubicTarget(scipy.interpolate.CubicSpline(points[:, 0], points[:, 1:]))
     return parts.Free(
         target=target, until_t=float(points[-1, 0]), tangent_continuous=bool(row.get("tangent_continuous", False))
     )
+
+
+@dataclass(frozen=True)
+class _CubicTarget:
+    curve: Callable[[Array], Array]
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        found = self.curve(t)
+        return found[..., 0], found[..., 1]
 
 
 def _parse_kind(kinds: dict[str, type[T]], row: dict[str, Any], place: str) -> T:
@@ -194,7 +202,10 @@ def _parse_dataclass(kind: type[T], row: dict[str, Any], place: str) -> T:
     for key, value in row.items():
         if "float" in str(names[key].type) and (isinstance(value, bool) or not isinstance(value, int | float)):
             raise ValueError(f"{place}: {key} = {value!r} must be a number")
-    return kind(**{names[key].name: value for key, value in row.items()})
+    try:
+        return kind(**{names[key].name: value for key, value in row.items()})
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{place}: {error}") from error
 
 
 def _require_table(value: Any, place: str) -> dict[str, Any]:

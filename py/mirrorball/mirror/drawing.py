@@ -12,6 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from mirrorball._core import Camera
+from mirrorball.arguments import checked
 from mirrorball.mirror.cad_export import MM_PER_M, Export
 from mirrorball.mirror.ground_costs import cost_rows, ground_costs
 from mirrorball.mirror.profile_design import Mirror
@@ -42,6 +43,7 @@ THIN, THICK = 0.5, 1.4
 POINTS_PER_MM = 72.0 / 25.4
 
 
+@checked
 def radius_table(mirror: Mirror, *, rows: int = TABLE_ROWS) -> Array:
     """Radius, height above the apex (both millimetres) and slope angle (degrees): even steps, and the ends of the parts."""
     apex = float(mirror.segments[0].height(np.zeros(1))[0])
@@ -67,6 +69,7 @@ def radius_table(mirror: Mirror, *, rows: int = TABLE_ROWS) -> Array:
     return np.asarray(rows_of_table[new])
 
 
+@checked
 def drawing(mirror: Mirror, *, camera: Camera, reach_m: float = 12.0) -> Figure:
     """The sheet, A3, drawn to the largest standard scale that fits."""
     from matplotlib.figure import Figure
@@ -84,6 +87,7 @@ def drawing(mirror: Mirror, *, camera: Camera, reach_m: float = 12.0) -> Figure:
     return figure
 
 
+@checked
 def write_pdf(mirror: Mirror, path: str | Path, *, camera: Camera | None = None, reach_m: float = 12.0) -> Export:
     """The drawing as PDF, or as PNG or SVG by the path's ending.
 

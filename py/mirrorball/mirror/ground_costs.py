@@ -8,17 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorball._core import Camera, Mount, Profile
+from mirrorball.arguments import checked
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reflection import Array
 from mirrorball.mirror.tolerances import AZIMUTHS, PixelErrors, shows_ground
+from mirrorball.records import Record
 
 WAVES = 12
 """Waves of the surface that are averaged: where a crest lies decides what it costs."""
 WAVE_LENGTH_M = 0.01
 
 
-@dataclass(frozen=True)
-class GroundCost:
+@dataclass(frozen=True, eq=False)
+class GroundCost(Record):
     """Errors on the ground that one imperfection causes."""
 
     imperfection: str
@@ -28,6 +30,7 @@ class GroundCost:
     largest_m: Array
 
 
+@checked
 def ground_costs(mirror: Mirror, *, camera: Camera, reach_m: float = 12.0) -> list[GroundCost]:
     """What 0.01 mm of the surface, 0.1° of tilt, 0.1 mm of place and 0.1 % of focal length cost at ground distances.
 

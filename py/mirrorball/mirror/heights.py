@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorball.arguments import checked, invalid
 from mirrorball.mirror.optical_analysis import OpticalAnalysis
 from mirrorball.mirror.reflection import Array
+from mirrorball.records import Record
 
 
-@dataclass(frozen=True)
-class VisibleHeights:
+@dataclass(frozen=True, eq=False)
+class VisibleHeights(Record):
     """What one part shows over distances, metres above the ground; NaN where it shows nothing."""
 
     part: str
@@ -26,9 +28,12 @@ class VisibleHeights:
         return low <= height_m <= high
 
 
+@checked
 def visible_heights(judged: OpticalAnalysis, *, distance_m: Array | None = None) -> tuple[VisibleHeights, ...]:
     """Heights from the ground up that each part's rays pass at each distance (evenly to the reach, if none are given)."""
     distance = np.linspace(0.0, judged.reach_m, 160) if distance_m is None else np.asarray(distance_m, dtype=np.float64)
+    if distance.ndim != 1 or not np.isfinite(distance).all():
+        raise ValueError(invalid("distance_m", distance_m, "finite numbers of shape n"))
     found = []
     for view in judged.views:
         clear = ~view.blocked

@@ -8,6 +8,7 @@ profile beyond would fold back on itself.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -36,8 +37,7 @@ def integrate(target: Target, start: Start, *, until_t: float, part: str, tangen
         raise start.refuse(part, f"the lens sees no further than t = {start.t_max:.4f}", until_t)
 
     def tangent(t: Array, y: Array) -> Array:
-        distance, height = (np.broadcast_to(np.asarray(a, dtype=np.float64), t.shape) for a in target(t))
-        return slope_to_point(t=t, y_m=y, distance_m=distance, height_m=height, pinhole_height_m=start.pinhole_height_m)
+        return _tangent(target, start.pinhole_height_m, t, y)
 
     def facing(t: float, state: Array) -> float:
         return 1.0 - t * float(tangent(np.array([t]), np.exp(np.minimum(state, 20.0)))[0]) - MIN_FACING
@@ -81,17 +81,38 @@ def integrate(target: Target, start: Start, *, until_t: float, part: str, tangen
     if not solution.success:
         why = "the tangent would have to change without bound to follow the wanted points"
         raise start.refuse(part, why, float(solution.t[-1]))
-    dense = solution.sol
-    _require_target_below_mirror(target, lambda t: np.exp(dense(t)[0]), start, until_t=until_t, part=part)
+    curve = _Integrated(target, start.pinhole_height_m, solution.sol)
+    _require_target_below_mirror(target, curve.height, start, until_t=until_t, part=part)
     return Segment(
         part=part,
         number=start.number,
         t_from=start.t,
         t_to=until_t,
-        height=lambda t: np.asarray(np.exp(dense(np.atleast_1d(t))[0])),
-        tangent=tangent,
+        height=curve.height,
+        tangent=curve.tangent,
         tangent_continuous=tangent_continuous,
     )
+
+
+@dataclass(frozen=True)
+class _Integrated:
+    """The solution of the design equation: ln Y over t. A class, so that a mirror can be pickled."""
+
+    target: Target
+    pinhole_height_m: float
+    log_height: Callable[[Array], Array]
+
+    def height(self, t: Array) -> Array:
+        return np.asarray(np.exp(self.log_height(np.atleast_1d(t))[0]))
+
+    def tangent(self, t: Array, y: Array) -> Array:
+        return _tangent(self.target, self.pinhole_height_m, t, y)
+
+
+def _tangent(target: Target, pinhole_height_m: float, t: Array, y: Array) -> Array:
+    """The tangent that sends the ray at (t, Y) to its target."""
+    distance, height = (np.broadcast_to(np.asarray(a, dtype=np.float64), t.shape) for a in target(t))
+    return slope_to_point(t=t, y_m=y, distance_m=distance, height_m=height, pinhole_height_m=pinhole_height_m)
 
 
 def _validate_target(target: Target, start: Start, *, until_t: float, part: str) -> None:

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorball.arguments import checked
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reflection import Array, Mask, Rays
 from mirrorball.mirror.segment import Segment
+from mirrorball.records import Record
 
 BALL_RADIUS_M = 0.11
 """Size 5."""
@@ -20,6 +22,7 @@ ROBOT_WIDTH_M, ROBOT_HEIGHT_M = 0.52, 0.80
 """The largest robot that the rules allow."""
 
 
+@checked
 @dataclass(frozen=True)
 class Lens:
     """What decides how sharp the image is."""
@@ -41,8 +44,8 @@ class Lens:
         return self.focal_length_m / self.f_number
 
 
-@dataclass(frozen=True)
-class View:
+@dataclass(frozen=True, eq=False)
+class View(Record):
     """One part's rays, densely and evenly spaced in t, with what follows from each."""
 
     part: str
@@ -68,8 +71,8 @@ class View:
     """Where neighbouring rays, drawn back, meet: a point for a single-viewpoint mirror."""
 
 
-@dataclass(frozen=True)
-class ObjectSizes:
+@dataclass(frozen=True, eq=False)
+class ObjectSizes(Record):
     """Pixels that a thing covers, over its distance."""
 
     distance_m: Array
@@ -83,8 +86,8 @@ class ObjectSizes:
     robot_tangential_px: Array
 
 
-@dataclass(frozen=True)
-class PartMeridian:
+@dataclass(frozen=True, eq=False)
+class PartMeridian(Record):
     """One part's meridian in the pinhole's frame, evenly spaced in t."""
 
     part: str
@@ -95,8 +98,8 @@ class PartMeridian:
     y_m: Array
 
 
-@dataclass(frozen=True)
-class OpticalAnalysis:
+@dataclass(frozen=True, eq=False)
+class OpticalAnalysis(Record):
     """Everything the report draws: numbers alone, which can be sent to another process."""
 
     name: str
@@ -137,6 +140,7 @@ def _part_meridian(segment: Segment) -> PartMeridian:
     return PartMeridian(part=segment.part, number=segment.number, reflects=segment.reflects, t=t, x_m=t * y, y_m=y)
 
 
+@checked
 def judge(
     mirror: Mirror, *, focal_px: float, lens: Lens | None = None, reach_m: float = 12.0, rays_per_part: int = 600
 ) -> OpticalAnalysis:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorball.arguments import checked
 from mirrorball.mirror.heights import visible_heights
 from mirrorball.mirror.optical_analysis import OpticalAnalysis, View
 from mirrorball.mirror.reflection import Array
@@ -29,6 +30,7 @@ class PaperFigure:
     design: str
 
 
+@checked
 def compare_with_papers(judged: OpticalAnalysis) -> list[PaperFigure]:
     """The figures that the papers state, each as this design has it; a dash where it has none."""
     low, high = even_ground(judged)

@@ -7,12 +7,13 @@ rays are named by their slope t = tan β = ρ/f (image radius over focal length)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy
 
-from mirrorball.mirror.conics import MAX_RAY_SLOPE, EndCondition, circle, close, hyperbola, parabola, straight
+from mirrorball.arguments import checked
+from mirrorball.mirror.conics import MAX_RAY_SLOPE, Circle, EndCondition, Hyperbola, Parabola, Straight, close
 from mirrorball.mirror.integrate import Target, integrate
 from mirrorball.mirror.reflection import Array
 from mirrorball.mirror.segment import Segment, Start
@@ -21,6 +22,7 @@ TANGENT_TOLERANCE = 1e-9
 """Tangents that differ by less are one."""
 
 
+@runtime_checkable
 class Part(Protocol):
     """Anything that can go on from where the part before it ended."""
 
@@ -29,6 +31,23 @@ class Part(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class LinearTarget:
+    """Distance and height that grow evenly with t."""
+
+    t: tuple[float, float]
+    """Where it begins and ends."""
+    distance_m: tuple[float, float]
+    height_m: tuple[float, float]
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        """Distance from the axis, and height above the ground."""
+        share = (t - self.t[0]) / (self.t[1] - self.t[0])
+        (near, far), (low, high) = self.distance_m, self.height_m
+        return near + share * (far - near), low + share * (high - low)
+
+
+@checked
 @dataclass(frozen=True, kw_only=True)
 class HorizontallyIsometric:
     """Ground distance linear in image radius, d = d₀ + η·(t − t₀) (lima2001 2.2 and eq. 1; nubot2013 3.1)."""
@@ -43,15 +62,12 @@ class HorizontallyIsometric:
         """One segment of the design equation."""
         name = "horizontally isometric"
         begin = _previous_ground_m(start, name) if self.from_m is None else self.from_m
-
-        def target(t: Array) -> tuple[Array, Array]:
-            share = (t - start.t) / (self.until_t - start.t)
-            return begin + share * (self.until_m - begin), np.zeros_like(t)
-
+        target = LinearTarget((start.t, self.until_t), distance_m=(begin, self.until_m), height_m=(0.0, 0.0))
         continues = self.from_m is None
         return [integrate(target, start, until_t=self.until_t, part=name, tangent_continuous=continues)]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class VerticallyIsometric:
     """Height on a wall linear in image radius, h = h₀ + κ·(t − t₀) at one distance (nubot2013 3.1)."""
@@ -73,15 +89,12 @@ class VerticallyIsometric:
             low = 0.0 if self.distance_m is None else float(start.last_ray.height_at_m(wall)[0])
         if not np.isfinite(low):
             raise start.refuse(name, f"the ray before it never reaches the wall at {wall:.3f} m", start.t)
-
-        def target(t: Array) -> tuple[Array, Array]:
-            share = (t - start.t) / (self.until_t - start.t)
-            return np.full_like(t, wall), low + share * (self.until_height_m - low)
-
+        target = LinearTarget((start.t, self.until_t), distance_m=(wall, wall), height_m=(low, self.until_height_m))
         continues = self.from_height_m is None
         return [integrate(target, start, until_t=self.until_t, part=name, tangent_continuous=continues)]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Free:
     """Any target map: a function of t that gives (distance from the axis, height above the ground), metres."""
@@ -106,6 +119,7 @@ class Free:
         return [integrate(self.target, start, until_t=self.until_t, part=self.name, tangent_continuous=self.tangent_continuous)]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class ConstantCurvature:
     """The tangent changes evenly with the radius until the ray `until_t` passes a wanted point (lima2001 2.3, eq. 2)."""
@@ -142,11 +156,12 @@ class ConstantCurvature:
             raise start.refuse(name, why, self.until_t)
         x_m = float(scipy.optimize.brentq(gap, radii[met[0]], radii[met[0] + 1], xtol=1e-16, rtol=1e-15))
         curve = (last_slope(x_m) - slope) / (x_m - start.x_m)
-        shape = parabola(x_m=start.x_m, y_m=start.y_m, slope=slope, curve_per_m=curve)
+        shape = Parabola(x_m=start.x_m, y_m=start.y_m, slope=slope, curve_per_m=curve)
         continues = self.from_slope is None
         return [close(shape, start, until=EndCondition(t=self.until_t), part=name, tangent_continuous=continues)]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Cone:
     """A straight meridian."""
@@ -159,10 +174,11 @@ class Cone:
 
     def build(self, start: Start) -> list[Segment]:
         """One closed segment."""
-        shape = straight(start, start.slope if self.slope is None else self.slope)
+        shape = Straight(start, start.slope if self.slope is None else self.slope)
         return [close(shape, start, until=_end_condition(self), part="cone", tangent_continuous=self.slope is None)]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Planar:
     """A flat ring square to the axis; it shows what is nearest, largest (lima2001 2.4, eq. 3)."""
@@ -176,7 +192,7 @@ class Planar:
 
     def build(self, start: Start) -> list[Segment]:
         """One closed segment, preceded by a black one if `seen_from_m` is given."""
-        shape = straight(start, 0.0)
+        shape = Straight(start, 0.0)
         black = []
         if self.seen_from_m is not None:
             until = EndCondition(ground_m=self.seen_from_m)
@@ -188,6 +204,7 @@ class Planar:
         return [*black, ring]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Sphere:
     """A sphere about the axis."""
@@ -208,9 +225,10 @@ class Sphere:
         if not radius > start.x_m:
             raise start.refuse("sphere", f"radius {radius:.4f} m is too small to begin at {start.x_m:.4f} m", start.t)
         continues = self.radius_m is None or start.t == 0.0
-        return [close(circle(start, radius), start, until=_end_condition(self), part="sphere", tangent_continuous=continues)]
+        return [close(Circle(start, radius), start, until=_end_condition(self), part="sphere", tangent_continuous=continues)]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Paraboloid:
     """Y = Y₀ + X²/4f about the axis. Single-viewpoint only as the pinhole goes to infinity (an orthographic camera)."""
@@ -232,11 +250,12 @@ class Paraboloid:
         if not focal > 0.0:
             raise start.refuse("paraboloid", f"focal_length_m = {focal} must be positive")
         curve = 1.0 / (2.0 * focal)
-        shape = parabola(x_m=start.x_m, y_m=start.y_m, slope=start.x_m * curve, curve_per_m=curve)
+        shape = Parabola(x_m=start.x_m, y_m=start.y_m, slope=start.x_m * curve, curve_per_m=curve)
         continues = self.focal_length_m is None or start.t == 0.0
         return [close(shape, start, until=_end_condition(self), part="paraboloid", tangent_continuous=continues)]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Hyperboloid:
     """A hyperboloid with the pinhole at its second focus: all rays look out of the first, the single viewpoint."""
@@ -263,7 +282,7 @@ class Hyperboloid:
         if start.t >= widest or (self.until_t is not None and self.until_t >= widest):
             why = f"its asymptote ends the view at t = {widest:.4f}"
             raise start.refuse("hyperboloid", why, self.until_t or min(start.t, MAX_RAY_SLOPE))
-        shape = hyperbola(start, eccentricity)
+        shape = Hyperbola(start, eccentricity)
         continues = self.eccentricity is None or start.t == 0.0
         return [close(shape, start, until=_end_condition(self), part="hyperboloid", tangent_continuous=continues)]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import pickle
 import traceback
@@ -26,6 +28,10 @@ RC_PARAMS: Any = {
     "text.hinting": "none",
 }
 """How matplotlib draws the figures of a page."""
+
+
+PIPE_BYTES = 1 << 20
+"""A design's analysis takes a few hundred kilobytes; the system's usual 64 would block."""
 
 
 def draw(subject: OpticalAnalysis | GroundErrors, names: Sequence[str], folder: Path) -> None:
@@ -55,6 +61,10 @@ class PlotWorker:
         if not hasattr(os, "fork"):
             return
         jobs, self._job_pipe = os.pipe()
+        # A job fits, so that whoever hands it over need not wait until matplotlib is loaded.
+        if hasattr(fcntl, "F_SETPIPE_SZ"):
+            with contextlib.suppress(OSError):
+                fcntl.fcntl(self._job_pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self._worker_pid = os.fork()
         if self._worker_pid == 0:
             os.close(self._job_pipe)

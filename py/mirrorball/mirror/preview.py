@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball._core import Camera, Field, Mount, ground_map, render
+from mirrorball.arguments import checked
 from mirrorball.mirror.cad_export import write_csv
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reporting import fit_camera
+from mirrorball.records import Record
 from mirrorball.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -29,8 +31,8 @@ KEPT_SECTIONS = ("base", "imu", "compass", "body", "exposure")
 """Sections of the scenario's robot that do not speak of the camera."""
 
 
-@dataclass(frozen=True)
-class Preview:
+@dataclass(frozen=True, eq=False)
+class Preview(Record):
     """A scene in a designed mirror."""
 
     name: str
@@ -51,6 +53,7 @@ class Preview:
     does."""
 
 
+@checked
 def preview(
     mirror: Mirror, *, scenario: str | Path, camera: Camera | None = None, time_s: float = 0.0, reach_m: float = 5.0
 ) -> Preview:
@@ -93,6 +96,7 @@ def preview(
     )
 
 
+@checked
 def plot_preview(shown: Preview) -> Figure:
     """Above the image and its floor, below what the ideal mirror shows of the empty field."""
     from matplotlib.figure import Figure

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorball._core import Profile
+from mirrorball.arguments import checked
 from mirrorball.mirror.parts import Part
 from mirrorball.mirror.reflection import Array, Rays
 from mirrorball.mirror.segment import Segment, Start
@@ -98,6 +99,7 @@ def _slopes_at_radii(segment: Segment, x_m: Array) -> Array:
     return t
 
 
+@checked
 def design(
     parts: Sequence[Part],
     *,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
+from mirrorball.arguments import checked
 from mirrorball.mirror.parts import (
     Cone,
     ConstantCurvature,
@@ -75,6 +77,16 @@ def nubot2013() -> Mirror:
     )
 
 
+@dataclass(frozen=True)
+class _SinhTarget:
+    even_to_m: float
+    steepness: float
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        return self.even_to_m * np.sinh(self.steepness * t), np.zeros_like(t)
+
+
+@checked
 def minho_like(*, reach_m: float = 9.0, even_to_m: float = 1.5) -> Mirror:
     """One smooth part like that of minho2016 III.A, whose design is not published: d = a·sinh(t/b).
 
@@ -82,11 +94,9 @@ def minho_like(*, reach_m: float = 9.0, even_to_m: float = 1.5) -> Mirror:
     rim shows `reach_m`.
     """
     t_rim = 0.38
-    steepness = float(np.arcsinh(reach_m / even_to_m))
-
-    def target(t: Array) -> tuple[Array, Array]:
-        return even_to_m * np.sinh(steepness * t / t_rim), np.zeros_like(t)
-
+    if not (reach_m > 0.0 and even_to_m > 0.0):
+        raise ValueError(f"reach_m = {reach_m}, even_to_m = {even_to_m}: both must be positive")
+    target = _SinhTarget(even_to_m, steepness=float(np.arcsinh(reach_m / even_to_m)) / t_rim)
     return design(
         [Free(target=target, until_t=t_rim, tangent_continuous=True, name="even near, logarithmic far")],
         pinhole_height_m=0.55,

@@ -12,12 +12,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorball.records import Record
+
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class Rays:
+@dataclass(frozen=True, eq=False)
+class Rays(Record):
     """Reflected rays in the meridian plane: they leave (x_m, y_m) along (sin γ, −cos γ)."""
 
     t: Array

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball._core import Camera, Field, Mount, render
+from mirrorball.arguments import checked
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reporting import fit_camera
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@checked
 def view(
     mirror: Mirror,
     *,
@@ -50,6 +52,7 @@ def view(
     return image
 
 
+@checked
 def plot_profile_and_image(mirror: Mirror, image: NDArray[np.uint8]) -> Figure:
     """The profile from rim to rim, as the papers draw it, next to the image that it gives."""
     from matplotlib.figure import Figure

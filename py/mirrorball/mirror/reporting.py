@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrorball._core import Camera
+from mirrorball.arguments import checked
 from mirrorball.html_page import inline, table, whole
 from mirrorball.mirror.ground_costs import GroundCost, cost_rows, ground_costs
 from mirrorball.mirror.heights import visible_heights
@@ -21,6 +22,7 @@ from mirrorball.mirror.plot_worker import PlotWorker, draw
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
 from mirrorball.output_file import replacing
+from mirrorball.records import Record
 
 FIGURES = {
     "profile": "Profile and rays",
@@ -36,8 +38,8 @@ WORKER_FIGURES = 4
 """So many of them are drawn by a second process: it is ready before this one has loaded matplotlib."""
 
 
-@dataclass(frozen=True)
-class Report:
+@dataclass(frozen=True, eq=False)
+class Report(Record):
     """What was found and where it was written."""
 
     folder: Path
@@ -46,6 +48,7 @@ class Report:
     errors: GroundErrors | None
 
 
+@checked
 def fit_camera(mirror: Mirror, *, size_px: int = 480, margin_px: int = 6) -> Camera:
     """A square camera that the mirror's rim fills but for a margin."""
     rim = (size_px - 1) / 2.0 - margin_px
@@ -58,6 +61,7 @@ def fit_camera(mirror: Mirror, *, size_px: int = 480, margin_px: int = 6) -> Cam
     )
 
 
+@checked
 def report(
     mirror: Mirror,
     *,
@@ -125,10 +129,10 @@ def _write_report(
     if found is not None:
         draw(found, ["tolerances"], folder)
     draw(judged, names, folder)
+    costs = ground_costs(mirror, camera=camera, reach_m=judged.reach_m)
     if drawer is not None:
         drawer.finish()
     sections = [_section(name, heading, folder) for name, heading in FIGURES.items()]
-    costs = ground_costs(mirror, camera=camera, reach_m=judged.reach_m)
     if costs:
         sections += ["<h2>What an imperfection costs</h2>", table(cost_rows(costs)[0], cost_rows(costs)[1:])]
     sections += ["<h2>The papers' mirrors</h2>", _paper_table(judged)]

@@ -17,11 +17,13 @@ import scipy
 from tqdm import tqdm
 
 from mirrorball._core import Camera
+from mirrorball.arguments import checked
 from mirrorball.mirror.parts import Free
 from mirrorball.mirror.profile_design import Mirror, design
 from mirrorball.mirror.reflection import Array
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Resolution:
     """At least this many pixels per metre of ground between two distances."""
@@ -37,6 +39,7 @@ class Resolution:
         return f"{self.direction} resolution {self.px_per_m:g} px/m from {self.from_m:g} to {self.to_m:g} m"
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Heights:
     """Visible heights at a distance, with at least `px` pixels between the lowest and the highest."""
@@ -52,6 +55,7 @@ class Heights:
         return f"heights {self.from_height_m:g} to {self.to_height_m:g} m at {self.at_m:g} m with {self.px:g} px"
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class MaxDiameter:
     """The rim no wider than this."""
@@ -64,6 +68,7 @@ class MaxDiameter:
         return f"diameter at most {1e3 * self.diameter_m:g} mm"
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class MinCurvatureRadius:
     """No bend of the meridian tighter than this, convex or concave: the tool must fit."""
@@ -295,6 +300,7 @@ def _is_feasible(problem: _Problem, near: Array) -> bool:
     return broken < 1e-4 and bool(found[-1] >= np.log(SATISFIED_RATIO))
 
 
+@checked
 def optimise(
     requirements: Sequence[Requirement],
     *,
@@ -344,9 +350,9 @@ def _validate(requirements: Sequence[Requirement]) -> None:
         raise ValueError("no requirement of a resolution or of heights: nothing says what the mirror should see")
     for requirement in requirements:
         values = {key: value for key, value in vars(requirement).items() if isinstance(value, float | int)}
-        wrong = [key for key, value in values.items() if not (np.isfinite(value) and value >= 0.0)]
+        wrong = [key for key, value in values.items() if value < 0.0]
         if wrong:
-            raise ValueError(f"{requirement}: {wrong[0]} = {values[wrong[0]]} must be a number and not negative")
+            raise ValueError(f"{requirement}: {wrong[0]} = {values[wrong[0]]} must not be negative")
         if isinstance(requirement, Resolution) and not requirement.from_m < requirement.to_m:
             raise ValueError(f"{requirement}: from_m must be less than to_m")
         if isinstance(requirement, Heights) and not requirement.from_height_m < requirement.to_height_m:
@@ -366,16 +372,30 @@ def _target_map(found: _Candidate, reach: Sequence[tuple[float, float]]) -> Call
     high = found.y[0] + found.pinhole_height_m
     below = scipy.interpolate.CubicSpline(found.t[near], np.arctan(found.ground / high)[near])
     if count > RAY_COUNT - 5:
-        return lambda t: (np.asarray(high * np.tan(below(t))), np.zeros_like(t))
+        return _GroundThenWall(apex_height_m=high, below=below)
     far = slice(max(count - 5, 1), RAY_COUNT)
     rise = found.y + found.pinhole_height_m - (wall - found.x) / np.tan(np.maximum(found.gamma, 1e-6))
     height = scipy.interpolate.CubicSpline(found.t[far], rise[far])
     past = (found.gamma - foot)[count - 1 : count + 1]
     t_foot = float(np.interp(0.0, past, found.t[count - 1 : count + 1]))
 
-    def target(t: Array) -> tuple[Array, Array]:
-        flat = t <= t_foot
-        ground = high * np.tan(below(np.minimum(t, t_foot)))
-        return np.where(flat, ground, wall), np.where(flat, 0.0, height(np.maximum(t, t_foot)))
+    return _GroundThenWall(apex_height_m=high, below=below, wall_m=wall, t_foot=t_foot, height=height)
 
-    return target
+
+@dataclass(frozen=True, kw_only=True)
+class _GroundThenWall:
+    """Along the ground, then up a wall if there is one. A class, so that a mirror can be pickled."""
+
+    apex_height_m: float
+    below: Callable[[Array], Array]
+    """Angle below the apex at which a ray meets the ground."""
+    wall_m: float = np.inf
+    t_foot: float = np.inf
+    height: Callable[[Array], Array] | None = None
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        ground = self.apex_height_m * np.tan(self.below(np.minimum(t, self.t_foot)))
+        if self.height is None:
+            return np.asarray(ground), np.zeros_like(t)
+        flat = t <= self.t_foot
+        return np.where(flat, ground, self.wall_m), np.where(flat, 0.0, self.height(np.maximum(t, self.t_foot)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -56,20 +56,36 @@ class Start:
         return ValueError(f"part {self.number} ({part}){place}: {why}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Segment:
-    """A built part: Y over t and the tangent at a point (t, Y), both vectorised."""
+    """A built part: Y over t and the tangent at a point (t, Y), both vectorised. Equal if they run through the same points."""
 
     part: str
     number: int
     t_from: float
     t_to: float
-    height: Callable[[Array], Array]
-    tangent: Callable[[Array, Array], Array]
+    height: Callable[[Array], Array] = field(repr=False)
+    tangent: Callable[[Array, Array], Array] = field(repr=False)
     tangent_continuous: bool
     """True where the tangent at t_from is promised to be that of the segment before."""
     reflects: bool = True
     """False for a ring that is left black."""
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Segment):
+            return NotImplemented
+        return self._identity() == other._identity() and np.array_equal(self._course(), other._course())
+
+    def __hash__(self) -> int:
+        return hash(self._identity())
+
+    def _identity(self) -> tuple[object, ...]:
+        return self.part, self.number, self.t_from, self.t_to, self.tangent_continuous, self.reflects
+
+    def _course(self) -> Array:
+        t = np.linspace(self.t_from, self.t_to, 33)
+        y = self.height(t)
+        return np.stack([y, self.tangent(t, y)])
 
     def end(self) -> tuple[float, float]:
         """Height and tangent at its end."""

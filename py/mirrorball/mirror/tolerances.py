@@ -13,11 +13,14 @@ import scipy
 from tqdm import tqdm
 
 from mirrorball._core import Camera, Mount, Profile, trace_points
+from mirrorball.arguments import checked
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reflection import Array
 from mirrorball.mirror.segment import Segment
+from mirrorball.records import Record
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
     """One standard deviation of each error, all independent and normal."""
@@ -65,8 +68,8 @@ FOURIER_FEATURES = 32
 """Random cosines that make up one form error; enough for a normal distribution."""
 
 
-@dataclass(frozen=True)
-class GroundErrors:
+@dataclass(frozen=True, eq=False)
+class GroundErrors(Record):
     """What 95 % of the mirrors keep, over ground distance."""
 
     distance_m: Array
@@ -102,6 +105,7 @@ class PixelErrors:
         return _radial_tangential_errors(self._nominal, shown)
 
 
+@checked
 def monte_carlo(
     mirror: Mirror,
     *,

@@ -34,7 +34,8 @@ pub struct CommandConfig {
     pub kick_max: f32,
     /// After this silence a sender may start again with a lower session, seconds.
     pub silence: f64,
-    /// Maximum age of the state on which a command is based, if the command names it, milliseconds.
+    /// Maximum age of the state on which a command is based, if the command names it, milliseconds. A state as far in the
+    /// future is rejected, too.
     pub state_age_max_ms: f32,
 }
 
@@ -136,9 +137,16 @@ impl CommandFilter {
             return Err(RejectReason::Senseless);
         }
         self.check_addressee(&command)?;
-        let state_age = arrival - Stamp(command.state_ns);
-        if command.state_ns != 0 && state_age > f64::from(config.state_age_max_ms) * 1e-3 {
-            return Err(RejectReason::Late);
+        if command.state_ns != 0 {
+            let state_age = arrival - Stamp(command.state_ns);
+            let state_age_max = f64::from(config.state_age_max_ms) * 1e-3;
+            if state_age > state_age_max {
+                return Err(RejectReason::Late);
+            }
+            // A stamp of another clock would never be too old.
+            if state_age < -state_age_max {
+                return Err(RejectReason::Senseless);
+            }
         }
         // Last, so that a rejected datagram does not use up its sequence number.
         self.replay_guard.accept(

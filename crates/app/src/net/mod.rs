@@ -4,6 +4,8 @@
 
 mod address;
 pub(crate) mod commands;
+#[cfg(test)]
+mod multicast_tests;
 mod polling;
 pub(crate) mod state_sender;
 pub(crate) mod team;
@@ -12,7 +14,7 @@ mod tests;
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail, ensure};
 use localize::Stamp;
 use serde::{Deserialize, Serialize};
 
@@ -54,6 +56,11 @@ pub(crate) struct Network {
     _state_sender: Option<StateSender>,
 }
 
+/// Reads and checks network.toml. The error names file, line and reason.
+pub fn check_network_file(path: &Path) -> Result<()> {
+    NetworkConfig::load(path).map(|_| ())
+}
+
 impl NetworkConfig {
     /// Reads and checks network.toml.
     pub(crate) fn load(path: &Path) -> Result<Self> {
@@ -70,12 +77,8 @@ impl NetworkConfig {
             commands.address()?;
             let robot = self.robot_number();
             commands::CommandFilter::new(commands, RobotIdentity { robot, boot: 1 })?;
-            let differs = self.outputs.iter().find(|output| output.robot != robot);
-            if let Some(differs) = differs.filter(|_| commands.key.is_some()) {
-                anyhow::bail!(
-                    "[[outputs]] robot = {} and robot = {robot} differ, but commands under a key name one robot. Make them equal",
-                    differs.robot
-                );
+            if commands.key.is_some() {
+                self.check_identity_is_published(robot)?;
             }
         }
         if let Some(team) = &self.team {
@@ -86,6 +89,21 @@ impl NetworkConfig {
         }
         if let Some(ros2) = &self.ros2 {
             ros2.check()?;
+        }
+        Ok(())
+    }
+
+    /// Under a key a command must echo the robot's number and the boot number, which only the state output publishes.
+    fn check_identity_is_published(&self, robot: u32) -> Result<()> {
+        ensure!(
+            !self.outputs.is_empty(),
+            "[commands] key without [[outputs]]: a command under a key echoes `boot` from the state output, so none could be valid. Add [[outputs]] to the sender"
+        );
+        if let Some(differs) = self.outputs.iter().find(|output| output.robot != robot) {
+            bail!(
+                "[[outputs]] robot = {} and robot = {robot} differ, but commands under a key name one robot. Make them equal",
+                differs.robot
+            );
         }
         Ok(())
     }

@@ -83,9 +83,9 @@ impl TeamTransport {
         self.reports.try_iter()
     }
 
-    /// The clocks of the team-mates.
-    pub(crate) fn clocks(&self) -> Vec<TeamClock> {
-        lock(&self.link).team_clocks()
+    /// The clocks of the team-mates. `now`: own clock.
+    pub(crate) fn clocks(&self, now: Stamp) -> Vec<TeamClock> {
+        lock(&self.link).team_clocks(now)
     }
 
     /// The next report; None after the timeout.

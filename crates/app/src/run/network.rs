@@ -130,7 +130,7 @@ impl RunNetwork {
         self.network
             .team
             .as_ref()
-            .map(crate::net::TeamTransport::clocks)
+            .map(|team| team.clocks(hw::now()))
     }
 
     /// Counts of remote commands. None if remote commands are not configured.

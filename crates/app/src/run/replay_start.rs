@@ -7,7 +7,6 @@ use std::thread::JoinHandle;
 use anyhow::Result;
 use hw::realtime::lower_priority;
 use localize::Stamp;
-use localize::estimate::Mode;
 use pipeline::sample::SettingsChange;
 use pipeline::setup::Setup;
 use pipeline::{Pipeline, PipelineConfig};
@@ -49,11 +48,14 @@ impl ReplayStart {
         self.last = None;
     }
 
-    /// The pipeline, once it is built and `mode` is one that a single pose describes.
+    /// The pipeline, once it is built and the state of `present` is one that a new pipeline can go on from.
     ///
-    /// The pose's alternatives and the doubt about its half of the field would be lost, so these are left to clear up first.
-    pub(super) fn take(&mut self, mode: Mode) -> Option<Result<(Pipeline, SettingsChange)>> {
-        let is_ready = matches!(mode, Mode::Tracking | Mode::Lost)
+    /// Several hypotheses of the pose would be lost, so these are left to clear up first.
+    pub(super) fn take(
+        &mut self,
+        present: &Pipeline,
+    ) -> Option<Result<(Pipeline, SettingsChange)>> {
+        let is_ready = !present.has_several_hypotheses()
             && self.building.as_ref().is_some_and(JoinHandle::is_finished);
         let built = self.building.take_if(|_| is_ready)?.join();
         // A panic has been reported by its thread.

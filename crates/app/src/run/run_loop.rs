@@ -191,7 +191,7 @@ impl RunLoop {
             }
             exposure.command_camera(state.camera_command.take());
             self.take_tuned_pipeline(&mut status);
-            self.start_replayable_part(&state, &mut status);
+            self.start_replayable_part(&mut status);
             #[cfg(feature = "ros2")]
             self.take_given_pose(&state, &mut status);
             self.watch_setup(&mut state, &mut status);
@@ -359,17 +359,13 @@ impl RunLoop {
     }
 
     /// Goes on with a new pipeline, if the log needs a cycle from which it can be computed again.
-    fn start_replayable_part(&mut self, state: &RunState, status: &mut RunStatus) {
+    fn start_replayable_part(&mut self, status: &mut RunStatus) {
         if !self.log.as_ref().is_some_and(LogRotation::needs_state) {
             return;
         }
         self.replay_start
             .prepare(&self.robot.setup, &self.config, hw::now());
-        let last = state.last_cycle.as_ref();
-        let Some(mode) = last.map(|cycle| cycle.estimate.mode) else {
-            return;
-        };
-        let text = match self.replay_start.take(mode) {
+        let text = match self.replay_start.take(&self.pipeline) {
             Some(Ok((pipeline, change))) => {
                 self.pipeline.replace_by(pipeline, change);
                 "the log can be verified from the next cycle on: a new pipeline took over the pose"

@@ -41,15 +41,21 @@ pub(super) fn read_head(client: &mut TcpStream) -> Result<(Vec<u8>, usize), Requ
             Err(error) if is_timeout(&error) => return Err(RequestError::TooSlow),
             Err(error) => return Err(error.into()),
         }
-        if let Some(at) = received
-            .windows(HEAD_END.len())
-            .position(|window| window == HEAD_END)
-        {
-            return Ok((received, at + HEAD_END.len()));
+        if let Some(head_bytes) = head_length(&received)? {
+            return Ok((received, head_bytes));
         }
-        if received.len() > HEAD_BYTES_MAX {
-            return Err(RequestError::TooLong);
-        }
+    }
+}
+
+/// Length of the head in what was received so far. None if its end has not come yet.
+pub(super) fn head_length(received: &[u8]) -> Result<Option<usize>, RequestError> {
+    let end = received
+        .windows(HEAD_END.len())
+        .position(|window| window == HEAD_END);
+    match end {
+        Some(at) => Ok(Some(at + HEAD_END.len())),
+        None if received.len() > HEAD_BYTES_MAX => Err(RequestError::TooLong),
+        None => Ok(None),
     }
 }
 

@@ -113,6 +113,13 @@ impl StreamMessages {
             self.topics.insert(id, subscribed);
             subscriptions.push(ChannelSubscription { id, channel_id: id });
         }
+        // The header last: when it comes, the server has all subscriptions, and no cycle is missed.
+        subscriptions.sort_by_key(|subscription| {
+            matches!(
+                self.topics.get(&subscription.id),
+                Some(SubscribedTopic::About)
+            )
+        });
         let subscribe = SubscribeRequest {
             op: "subscribe",
             subscriptions,

@@ -7,6 +7,7 @@ mod client;
 mod config;
 mod frame_meter;
 mod guard;
+mod guard_check;
 mod handshake_request;
 mod messages;
 mod parameters;
@@ -17,6 +18,7 @@ mod tests;
 #[cfg(any(test, feature = "view"))]
 pub(crate) use client::StreamClient;
 pub(crate) use config::StreamConfig;
+pub use guard_check::check_client_bytes;
 pub use messages::{StreamEvent, StreamMessages, TextAnswer};
 #[cfg(any(test, feature = "view"))]
 pub(crate) use parameters::{MESSAGE, NONCE};

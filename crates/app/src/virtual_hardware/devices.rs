@@ -117,9 +117,11 @@ impl VirtualDevices {
             sim::SimSample::Truth(truth) => {
                 if let Some(file) = &mut self.ground_truth {
                     let (stamp, pose) = (format_seconds(at), truth.robot.pose);
+                    // Its image is the next sample, and was taken with the same setting.
+                    let exposure = due.setting.exposure * EXPOSURE_UNIT;
                     file.write_row(format_args!(
-                        "{stamp},{:.5},{:.5},{:.6}",
-                        pose.x, pose.y, pose.theta
+                        "{stamp},{:.5},{:.5},{:.6},{exposure:.6},{:.2}",
+                        pose.x, pose.y, pose.theta, due.setting.gain
                     ))?;
                 }
             }

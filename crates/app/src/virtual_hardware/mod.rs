@@ -44,7 +44,7 @@ struct VirtualHardwareResult {
 /// Runs the scenario's hardware until its end, or until a signal.
 pub(crate) fn run(sim: Simulator, duration: f64, options: &Options<'_>, json: bool) -> Result<()> {
     let plan = options.faults.map(FaultPlan::load).transpose()?;
-    let header = "stamp_s,x_m,y_m,theta_rad";
+    let header = "stamp_s,x_m,y_m,theta_rad,exposure_s,gain";
     let truth = options.truth.map(|path| CsvWriter::create(path, header));
     let mut devices =
         VirtualDevices::new(&sim, plan.unwrap_or_default(), options, truth.transpose()?)?;

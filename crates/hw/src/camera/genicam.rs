@@ -19,6 +19,9 @@ const BUFFERS: usize = 4;
 /// Longest wait for an image, µs.
 const BUFFER_TIMEOUT_US: u64 = 50_000;
 
+/// GenICam's name of a gain without a unit, which has whole numbers (Standard Features Naming Convention).
+const GAIN_RAW: &str = "GainRaw";
+
 /// GenICam's names of the encodings (Standard Features Naming Convention), in order of preference.
 const PIXEL_FORMATS: [(&str, Encoding); 9] = [
     ("RGB8", Encoding::Rgb8),
@@ -137,8 +140,10 @@ impl GenICam {
             camera.set_exposure_time(microseconds).map_err(failed)?;
         }
         if let Some(gain) = settings.gain {
-            let (least, most) = camera.gain_bounds().map_err(failed)?;
-            let gain = f64::from(gain).max(least).min(most);
+            let bounds = camera.gain_bounds().map_err(failed)?;
+            // A gain in decibels has no such feature. Aravis would cut the decimals of a raw one.
+            let step = camera.integer_increment(GAIN_RAW).unwrap_or(0);
+            let gain = nearest_gain(f64::from(gain), bounds, step as f64);
             camera.set_gain(gain).map_err(failed)?;
         }
         Ok(())
@@ -232,6 +237,16 @@ fn bytes_of(buffer: &aravis::Buffer) -> &[u8] {
     unsafe { std::slice::from_raw_parts(start, length) }
 }
 
+/// The gain within `bounds` that is nearest to `gain` in whole steps above the lower bound. A step of 0 is none.
+fn nearest_gain(gain: f64, (least, most): (f64, f64), step: f64) -> f64 {
+    let gain = gain.min(most).max(least);
+    if step <= 0.0 {
+        return gain;
+    }
+    let steps_max = ((most - least) / step).floor();
+    least + ((gain - least) / step).round().min(steps_max) * step
+}
+
 fn auto_mode(on: bool) -> Auto {
     if on { Auto::Continuous } else { Auto::Off }
 }
@@ -249,5 +264,28 @@ fn error_from_aravis(device: &str, error: &glib::Error) -> HwError {
             device,
             reason: error.message().to_owned(),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gain_is_within_bounds_and_on_steps() {
+        for (gain, step, expected) in [
+            (3.4, 1.0, 3.0),
+            (3.6, 1.0, 4.0),
+            (99.0, 1.0, 10.0),
+            (-1.0, 1.0, 0.0),
+            (3.4, 4.0, 4.0),
+            // The last step below the upper bound.
+            (10.0, 4.0, 8.0),
+            (3.4, 0.0, 3.4),
+            (99.0, 0.0, 10.0),
+        ] {
+            assert_eq!(nearest_gain(gain, (0.0, 10.0), step), expected, "{gain}");
+        }
+        assert_eq!(nearest_gain(9.0, (5.0, 30.0), 6.0), 11.0);
     }
 }

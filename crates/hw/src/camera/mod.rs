@@ -10,6 +10,7 @@ mod socket;
 mod stamp_validator;
 mod sys;
 mod v4l2;
+mod v4l2_controls;
 
 use std::os::fd::AsFd;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -26,8 +26,9 @@ pub(super) const CAP_DEVICE_CAPS: u32 = 0x8000_0000;
 pub(super) const BUFFER_ERROR: u32 = 0x40;
 pub(super) const TIMESTAMP_MASK: u32 = 0xE000;
 pub(super) const TIMESTAMP_MONOTONIC: u32 = 0x2000;
-/// A control that cannot be set.
-pub(super) const CONTROL_DISABLED: u32 = 1;
+/// Flags of controls that cannot be set.
+pub(super) const CONTROL_DISABLED: u32 = 0x1;
+pub(super) const CONTROL_READ_ONLY: u32 = 0x4;
 
 /// struct v4l2_capability
 #[repr(C)]
@@ -298,13 +299,14 @@ mod tests {
             TIMESTAMP_MASK,
             TIMESTAMP_MONOTONIC,
             CONTROL_DISABLED,
-            super::super::v4l2::EXPOSURE_AUTO,
-            super::super::v4l2::EXPOSURE_AUTO_PRIORITY,
-            super::super::v4l2::EXPOSURE_ABSOLUTE,
-            super::super::v4l2::AUTOGAIN,
-            super::super::v4l2::GAIN,
-            super::super::v4l2::AUTO_WHITE_BALANCE,
-            super::super::v4l2::WHITE_BALANCE_TEMPERATURE,
+            CONTROL_READ_ONLY,
+            super::super::v4l2_controls::EXPOSURE_AUTO,
+            super::super::v4l2_controls::EXPOSURE_AUTO_PRIORITY,
+            super::super::v4l2_controls::EXPOSURE_ABSOLUTE,
+            super::super::v4l2_controls::AUTOGAIN,
+            super::super::v4l2_controls::GAIN,
+            super::super::v4l2_controls::AUTO_WHITE_BALANCE,
+            super::super::v4l2_controls::WHITE_BALANCE_TEMPERATURE,
         ] {
             writeln!(layout, "{constant:#x}").expect("text");
         }

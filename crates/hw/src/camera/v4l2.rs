@@ -10,23 +10,13 @@ use rustix::io::Errno;
 use super::image::{BufferPool, Capture, CapturedImage, Encoding};
 use super::settings::CameraSettings;
 use super::sys;
+use super::v4l2_controls::{
+    EXPOSURE_ABSOLUTE, GAIN, control_sequence, setting_from_values, value_in_range,
+};
 use crate::clock;
 use crate::config::CameraDeviceConfig;
 use crate::error::HwError;
 
-/// Control identifiers (linux/v4l2-controls.h).
-pub(super) const EXPOSURE_AUTO: u32 = 0x009A_0901;
-pub(super) const EXPOSURE_ABSOLUTE: u32 = 0x009A_0902;
-pub(super) const EXPOSURE_AUTO_PRIORITY: u32 = 0x009A_0903;
-pub(super) const AUTO_WHITE_BALANCE: u32 = 0x0098_090C;
-pub(super) const AUTOGAIN: u32 = 0x0098_0912;
-pub(super) const GAIN: u32 = 0x0098_0913;
-pub(super) const WHITE_BALANCE_TEMPERATURE: u32 = 0x0098_091A;
-/// Values of EXPOSURE_AUTO.
-const EXPOSURE_MANUAL: i32 = 1;
-const EXPOSURE_APERTURE: i32 = 3;
-/// Unit of V4L2's absolute exposure, seconds.
-const EXPOSURE_UNIT: f32 = 1e-4;
 /// Buffers in the driver: one being filled, one next, two spare for a delayed thread.
 const BUFFERS: u32 = 4;
 
@@ -153,10 +143,7 @@ impl V4l2 {
             let result = sys::get_control(&self.fd, &mut control);
             result.ok().map(|()| control.value)
         };
-        Some(ExposureSetting {
-            exposure: get(EXPOSURE_ABSOLUTE)? as f32 * EXPOSURE_UNIT,
-            gain: get(GAIN)? as f32,
-        })
+        setting_from_values(get(EXPOSURE_ABSOLUTE), get(GAIN))
     }
 
     fn set_control(&self, id: u32, value: i32) -> Result<(), Errno> {
@@ -165,10 +152,7 @@ impl V4l2 {
             ..sys::ControlRange::default()
         };
         sys::query_control(&self.fd, &mut range)?;
-        if range.flags & sys::CONTROL_DISABLED != 0 {
-            return Err(Errno::INVAL);
-        }
-        let value = value_in_range(value, &range);
+        let value = value_in_range(value, &range).ok_or(Errno::INVAL)?;
         sys::set_control(&self.fd, &mut sys::Control { id, value })
     }
 
@@ -327,67 +311,6 @@ fn buffer_stamp(buffer: &sys::Buffer, arrival: Stamp) -> Stamp {
     Stamp(buffer.seconds * 1_000_000_000 + buffer.microseconds * 1000)
 }
 
-/// The value within the range of a control that is nearest to `value`.
-fn value_in_range(value: i32, range: &sys::ControlRange) -> i32 {
-    let (minimum, maximum) = (i64::from(range.minimum), i64::from(range.maximum));
-    let step = i64::from(range.step.max(1));
-    let steps = (i64::from(value) - minimum + step / 2).div_euclid(step);
-    let nearest = (minimum + steps * step).clamp(minimum, maximum.max(minimum));
-    nearest as i32
-}
-
-/// A control to set; `required_as` is its name if the user configured it, so that a refusal is an error.
-#[derive(Debug, PartialEq)]
-struct ControlValue {
-    id: u32,
-    value: i32,
-    required_as: Option<&'static str>,
-}
-
-/// The controls in the order in which they must be set: automatic modes first, or they would override the values.
-fn control_sequence(settings: &CameraSettings) -> Vec<ControlValue> {
-    let control = |id, value, required_as| ControlValue {
-        id,
-        value,
-        required_as,
-    };
-    let automatic = |on: bool| i32::from(on);
-    let mut controls = vec![
-        // Otherwise a webcam lowers its rate in the dark.
-        control(EXPOSURE_AUTO_PRIORITY, 0, None),
-        control(
-            EXPOSURE_AUTO,
-            if settings.exposure.is_some() {
-                EXPOSURE_MANUAL
-            } else {
-                EXPOSURE_APERTURE
-            },
-            None,
-        ),
-        control(AUTOGAIN, automatic(settings.gain.is_none()), None),
-        control(
-            AUTO_WHITE_BALANCE,
-            automatic(settings.white_balance_k.is_none()),
-            None,
-        ),
-    ];
-    controls.extend(settings.exposure.map(|seconds| {
-        let value = (seconds / EXPOSURE_UNIT).round().max(1.0) as i32;
-        control(EXPOSURE_ABSOLUTE, value, Some("exposure"))
-    }));
-    controls.extend(
-        settings
-            .gain
-            .map(|gain| control(GAIN, gain.round() as i32, Some("gain"))),
-    );
-    controls.extend(
-        settings
-            .white_balance_k
-            .map(|kelvin| control(WHITE_BALANCE_TEMPERATURE, kelvin, Some("white balance"))),
-    );
-    controls
-}
-
 /// A zero-terminated string of the kernel.
 fn string_from_c(bytes: &[u8]) -> String {
     let length = bytes
@@ -400,41 +323,6 @@ fn string_from_c(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn auto_controls_are_disabled_before_manual_values_and_stay_on_otherwise() {
-        let settings = CameraSettings {
-            exposure: Some(0.0125),
-            gain: None,
-            white_balance_k: Some(4500),
-        };
-        let controls: Vec<_> = control_sequence(&settings)
-            .iter()
-            .map(|c| (c.id, c.value))
-            .collect();
-        let expected = [
-            (EXPOSURE_AUTO_PRIORITY, 0),
-            (EXPOSURE_AUTO, EXPOSURE_MANUAL),
-            (AUTOGAIN, 1),
-            (AUTO_WHITE_BALANCE, 0),
-            (EXPOSURE_ABSOLUTE, 125),
-            (WHITE_BALANCE_TEMPERATURE, 4500),
-        ];
-        assert_eq!(controls, expected);
-    }
-
-    #[test]
-    fn values_are_within_the_limits_and_steps_of_the_device() {
-        let range = sys::ControlRange {
-            minimum: 3,
-            maximum: 2047,
-            step: 4,
-            ..sys::ControlRange::default()
-        };
-        let nearest = |value| value_in_range(value, &range);
-        assert_eq!([i32::MIN, 0, 3, 4, 5, 8].map(nearest), [3, 3, 3, 3, 7, 7]);
-        assert_eq!([2046, 2048, i32::MAX].map(nearest), [2047; 3]);
-    }
 
     #[test]
     fn driver_timestamp_is_used_only_if_monotonic() {

@@ -1,6 +1,8 @@
 //! Field half: log odds from compass readings and coloured goals, and a test whether the compass works
 //! (docs/methods.md 9.2).
 
+use serde::{Deserialize, Serialize};
+
 use crate::config::CompassConfig;
 use crate::frames::wrap_angle;
 use crate::math;
@@ -20,6 +22,19 @@ pub(super) struct HalfEvidence {
     /// Log odds of contradicting readings that do not count yet, at most 0. They leave the half unknown until the robot
     /// has turned far enough to tell a working compass from a stuck one.
     withheld: f32,
+}
+
+/// What is known about the field half of a tracked pose: enough for another localizer to go on from.
+///
+/// The test of the compass begins anew.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct HalfState {
+    /// Log odds of the tracked half against the other one.
+    pub log_odds: f32,
+    /// Log odds of contradicting readings that do not count yet, at most 0.
+    pub withheld: f32,
+    /// The log odds have reached their maximum, or the half was given.
+    pub established: bool,
 }
 
 /// Weight of one image's goals, below 1 since successive images show the same goal in the same light.
@@ -55,6 +70,25 @@ impl HalfEvidence {
             log_odds: config.log_odds_max,
             established: true,
             ..HalfEvidence::default()
+        }
+    }
+
+    /// Half of a localizer that went before.
+    pub(super) fn from_state(state: HalfState) -> Self {
+        HalfEvidence {
+            log_odds: state.log_odds,
+            withheld: state.withheld,
+            established: state.established,
+            compass_monitor: None,
+        }
+    }
+
+    /// For a localizer that goes on.
+    pub(super) fn state(&self) -> HalfState {
+        HalfState {
+            log_odds: self.log_odds,
+            withheld: self.withheld,
+            established: self.established,
         }
     }
 

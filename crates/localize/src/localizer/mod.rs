@@ -43,6 +43,7 @@ use crate::stamp::Stamp;
 
 use candidates::Candidates;
 use field_half::HalfEvidence;
+pub use field_half::HalfState;
 use fit_monitor::FitMonitor;
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
@@ -242,9 +243,31 @@ impl Localizer {
 
     /// Starts tracking from a known pose (placed by hand, or a team-mate's message). Its field half counts as established.
     pub fn set_pose(&mut self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) {
+        let half = HalfEvidence::external(&self.config.compass).state();
+        self.resume_pose(stamp, pose, covariance, half);
+    }
+
+    /// Evidence for the field half of the tracked pose. None while no single pose is tracked.
+    pub fn tracked_half(&self) -> Option<HalfState> {
+        self.state.track().map(|track| track.half_evidence.state())
+    }
+
+    /// True while several hypotheses explain the images, so that no single pose describes what is known.
+    pub fn has_several_hypotheses(&self) -> bool {
+        matches!(self.state, State::Ambiguous(_))
+    }
+
+    /// Goes on from the pose that another localizer tracked, with what it knew about the field half.
+    pub fn resume_pose(
+        &mut self,
+        stamp: Stamp,
+        pose: Pose,
+        covariance: &Matrix3<f32>,
+        half: HalfState,
+    ) {
         self.lose_pose();
         let filter = PoseFilter::new(pose, covariance, None, &self.config.filter);
-        let half_evidence = HalfEvidence::external(&self.config.compass);
+        let half_evidence = HalfEvidence::from_state(half);
         self.start_tracking(stamp, filter, half_evidence);
         self.filter_stamp = stamp;
         self.particles_stamp = stamp;

@@ -7,7 +7,6 @@ pub mod message;
 mod peer_clock;
 mod team_link;
 
-pub use peer_clock::PeerClock;
 pub use team_link::{TeamClock, TeamLink, TeamLinkCounts};
 
 use anyhow::{Context, Result, ensure};

@@ -9,7 +9,8 @@ use localize::world::TrackedObject;
 use localize::{Pose, Stamp};
 use prost::Message;
 
-use super::{PeerClock, TeamLinkConfig};
+use super::TeamLinkConfig;
+use super::peer_clock::PeerClock;
 use crate::cycle::Cycle;
 use crate::datagram::authentication::{MacKey, RejectReason, ReplayGuard, append_mac, verify_mac};
 use crate::datagram::message::{self, Echo, ObjectState, TeamMessage, VERSION};
@@ -37,8 +38,8 @@ pub struct TeamClock {
     pub robot: u32,
     /// Own clock minus the teammate's, nanoseconds.
     pub clock_offset_ns: i64,
-    /// Bound of the error: half the shortest round trip. None while the teammate does not receive this robot: then the
-    /// delay of its messages is unknown.
+    /// Bound of the error: half a round trip, and what the clocks can have drifted apart since then. None while the
+    /// teammate does not receive this robot: then the delay of its messages is unknown.
     pub clock_uncertainty_ns: Option<i64>,
 }
 
@@ -128,21 +129,17 @@ impl TeamLink {
         &self.counts
     }
 
-    /// The clocks of all teammates that were received, in the order of their numbers.
-    pub fn team_clocks(&self) -> Vec<TeamClock> {
+    /// The clocks of all teammates that were received, in the order of their numbers. `now`: own clock.
+    pub fn team_clocks(&self, now: Stamp) -> Vec<TeamClock> {
         let clock = |(robot, peer): (&u32, &Peer)| {
+            let offset = peer.clock.offset(now.0)?;
             Some(TeamClock {
                 robot: *robot,
-                clock_offset_ns: peer.clock.offset_ns()?,
-                clock_uncertainty_ns: peer.clock.round_trip_ns().map(|round_trip| round_trip / 2),
+                clock_offset_ns: offset.offset_ns,
+                clock_uncertainty_ns: offset.error_max_ns,
             })
         };
         self.peers.iter().filter_map(clock).collect()
-    }
-
-    /// Clock of a teammate.
-    pub fn peer_clock(&self, robot: u32) -> Option<&PeerClock> {
-        self.peers.get(&robot).map(|peer| &peer.clock)
     }
 
     fn decode_message(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, RejectReason> {
@@ -175,7 +172,7 @@ impl TeamLink {
         let echo = echo.map(|echo| (echo.sent_ns, echo.held_ns));
         peer.clock.add_exchange(message.sent_ns, now.0, echo);
         (peer.sent_ns, peer.received_ns) = (message.sent_ns, now.0);
-        let offset = peer.clock.offset_ns().unwrap_or(0);
+        let offset = peer.clock.offset(now.0).map_or(0, |clock| clock.offset_ns);
         // The clock offset has an error, but a report is never from the future.
         let ours = |theirs: i64| Stamp(theirs.saturating_add(offset).min(now.0));
         Ok(report_from_message(&message, ours))

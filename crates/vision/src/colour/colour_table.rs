@@ -240,19 +240,24 @@ impl ColourTable {
             reason,
         };
         let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
-        let truncated = || refuse("truncated file".to_owned());
+        ColourTable::from_bytes(&bytes).map_err(refuse)
+    }
+
+    /// The table of a file's content. The error is the reason why it is none.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
+        let truncated = || "truncated file".to_owned();
         let rest = bytes
             .strip_prefix(MAGIC)
-            .ok_or_else(|| refuse("not a colour table".to_owned()))?;
+            .ok_or_else(|| "not a colour table".to_owned())?;
         let number = |place: usize| {
             let four = rest.get(4 * place..4 * place + 4)?;
             Some(u32::from_le_bytes(four.try_into().ok()?))
         };
         let version = number(0).ok_or_else(truncated)?;
         if version != VERSION {
-            return Err(refuse(format!(
+            return Err(format!(
                 "unsupported version: {version} (expected {VERSION})"
-            )));
+            ));
         }
         let kind = match number(1).ok_or_else(truncated)? {
             0 => TableKind::Uv,
@@ -260,7 +265,7 @@ impl ColourTable {
         };
         let length = number(2).ok_or_else(truncated)? as usize;
         let names = rest.get(12..12 + length).ok_or_else(truncated)?;
-        let names = String::from_utf8(names.to_vec()).map_err(|error| refuse(error.to_string()))?;
+        let names = String::from_utf8(names.to_vec()).map_err(|error| error.to_string())?;
         let classes = rest[12 + length..].to_vec();
         let expected_len = match kind {
             TableKind::Uv => 1 << 16,

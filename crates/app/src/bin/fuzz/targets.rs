@@ -5,7 +5,10 @@ use std::io::{Cursor, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use app::{CommandConfig, CommandFilter, RobotIdentity, StreamMessages};
+use app::{
+    CommandConfig, CommandFilter, RobotIdentity, StreamMessages, check_client_bytes,
+    check_network_file,
+};
 use localize::global_search::scan_map::{ScanMap, ScanMapConfig};
 use localize::robot::RobotConfig;
 use localize::team::{TeamConfig, TeamModel};
@@ -41,6 +44,7 @@ pub(crate) const TARGETS: &[Target] = &[
     target("log_recover", recover_log),
     target("cycle", assemble_cycle),
     target("stream", read_stream),
+    target("stream_guard", guard_stream),
     target("image", |bytes, _| {
         outcome(Image::decode(bytes).map(|image| image.width_px))
     }),
@@ -164,6 +168,21 @@ fn read_stream(bytes: &[u8], _: &Path) -> String {
     }
 }
 
+/// The bytes of a client before the guard: its request and its messages. The cuts between reads must not matter.
+fn guard_stream(bytes: &[u8], _: &Path) -> String {
+    let Some((cut, client)) = bytes.split_first() else {
+        return String::new();
+    };
+    let outcome = check_client_bytes(client, usize::MAX);
+    let in_pieces = check_client_bytes(client, usize::from(*cut) + 1);
+    // A head that is too long is noticed at its end or, in pieces, before.
+    assert!(
+        outcome == in_pieces || client.len() > 8192,
+        "{outcome}; in pieces: {in_pieces}"
+    );
+    outcome
+}
+
 /// A connection that only receives.
 struct Received<'a>(Cursor<&'a [u8]>);
 
@@ -228,7 +247,7 @@ fn read_csv(bytes: &[u8], folder: &Path) -> String {
 
 /// The first byte chooses the file of the recording folder.
 fn read_recording(bytes: &[u8], folder: &Path) -> String {
-    const FILES: [(&str, &str); 6] = [
+    const FILES: [(&str, &str); 8] = [
         ("frames.csv", "stamp_s,file\n0.0,a.png\n0.1,b.png\n"),
         (
             "odometry.csv",
@@ -238,6 +257,11 @@ fn read_recording(bytes: &[u8], folder: &Path) -> String {
         ("truth.csv", "stamp_s,x_m,y_m,theta_rad\n0.0,0,0,0\n"),
         ("objects.csv", "stamp_s,kind,x_m,y_m\n0.0,ball,1,0\n"),
         ("points.csv", "stamp_s,x_m,y_m\n0.0,1,0\n"),
+        (
+            "imu.csv",
+            "stamp_s,ax_m_s2,ay_m_s2,az_m_s2,wx_rad_s,wy_rad_s,wz_rad_s\n0.05,0,0,9.8,0,0,1\n",
+        ),
+        ("magnetometer.csv", "stamp_s,x,y\n0.05,0.3,0.1\n"),
     ];
     let Some((choice, content)) = bytes.split_first() else {
         return String::new();
@@ -266,6 +290,7 @@ fn read_toml(bytes: &[u8], folder: &Path) -> String {
         + &outcome(Field::load(&path))
         + &outcome(PipelineConfig::load("default", Some(&path)))
         + &outcome(hw::HardwareConfig::load(&path))
+        + &outcome(check_network_file(&path))
         + &outcome(load_mask(&path, 4, 4))
 }
 
