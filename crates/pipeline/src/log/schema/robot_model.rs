@@ -196,7 +196,7 @@ mod tests {
                 .collect()
         };
         assert_eq!(names(None), ["camera"]);
-        assert_eq!(names(Some(Pose::default())), ["robot", "camera"]);
+        assert_eq!(names(Some(Pose::new(0.0, 0.0, 0.0))), ["robot", "camera"]);
         let nothing = RobotModel::new(None);
         assert!(nothing.transforms(None, Stamp(0)).transforms.is_empty());
         assert!(nothing.calibration(Stamp(0)).is_none());
