@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from test_robot import ended, free_port, hardware, start
+from test_robot import ended, free_port, hardware, start, stop
 
 
 class Program:
@@ -115,7 +115,7 @@ def test_commands_that_waited_while_the_process_was_stopped_neither_drive_nor_ki
     sim = hardware(tmp_path / "robot", "--truth", tmp_path / "truth.csv")
     run = start("run", "--robot", tmp_path / "robot", "--network", program.network, "--json")
     boot = program.state()["boot"]
-    run.send_signal(signal.SIGSTOP)
+    stop(run)
     stopped = time.monotonic()
     for sequence in range(20):
         program.send(program.datagram(sequence, boot, drive=FORWARD))

@@ -71,6 +71,13 @@ def states(tmp_path: Path) -> Iterator[StateOutput]:
     output.socket.close()
 
 
+def stop(process: subprocess.Popen[str]) -> None:
+    """Stops a process (SIGSTOP): on a loaded machine its threads run on for a while after the signal."""
+    process.send_signal(signal.SIGSTOP)
+    _, status = os.waitpid(process.pid, os.WUNTRACED)
+    assert os.WIFSTOPPED(status), status
+
+
 def ended(process: subprocess.Popen[str]) -> dict[str, Any]:
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from test_robot import StateOutput, ended, hardware, start, states  # noqa: F401
+from test_robot import StateOutput, ended, hardware, start, states, stop  # noqa: F401
 
 GROUP = "239.255.77.78"
 # The clock of the simulated team-mate is that much ahead, nanoseconds.
@@ -159,7 +159,7 @@ def test_what_waited_while_the_process_was_stopped_keeps_the_time_of_its_arrival
     while 2 not in team.received_by_robot_1():
         sequence += 1
         team.send(2, sequence)
-    run.send_signal(signal.SIGSTOP)
+    stop(run)
     for _ in range(10):
         sequence += 1
         team.send(2, sequence)

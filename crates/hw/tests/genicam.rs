@@ -11,6 +11,7 @@ use std::sync::{Mutex, PoisonError};
 use hw::camera::CapturedImage;
 use hw::config::CameraDeviceConfig;
 use hw::{CameraDriver, DeviceEvent, EventQueue, HealthState};
+use localize::math::log10;
 use localize::robot::ExposureSetting;
 use pseudo_terminal::{wait_for_event, wait_until};
 
@@ -125,7 +126,7 @@ fn brightness(image: &CapturedImage) -> f64 {
 
 /// The fake camera's pixels at an exposure and gain: its ramp times 1 + gain + log10(exposure / 10 ms), cut at 0 and 255.
 fn expected_brightness(setting: ExposureSetting) -> f64 {
-    let scale = 1.0 + f64::from(setting.gain) + (f64::from(setting.exposure) / 0.01).log10();
+    let scale = 1.0 + f64::from(setting.gain) + log10(f64::from(setting.exposure) / 0.01);
     let values = (0..255).map(|value| (f64::from(value) * scale).clamp(0.0, 255.0).floor());
     values.sum::<f64>() / 255.0
 }

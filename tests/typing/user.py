@@ -1,0 +1,23 @@
+"""A user's script: strict type checks pass (`make types`, `tests/test_package.py`). It is not run."""
+
+import cv2
+
+import mirrorball
+from mirrorball.vision import Vision, see
+
+image = cv2.imread("image.png")
+assert image is not None
+found = see(image, map="map.npz")
+for detections in (found, Vision(map=mirrorball.GroundMap.load("map.npz")).process(image)):
+    print(detections.ball["x_m"], detections.carpet_share)
+cycle = mirrorball.Pipeline("robot.toml").image(0.0, image)
+if cycle.pose is not None:
+    print(cycle.pose.x_m, cycle.covariance[0, 0], cycle.timings_ms["vision"])
+estimate = mirrorball.Localizer(field="field.toml").points(0.0, [[1.0, 2.0]])
+camera = mirrorball.Camera(width_px=480, height_px=480, focal_px=500.0, pinhole_height_m=0.6)
+profile = mirrorball.Profile(radius_m=[0.0, 0.01, 0.02, 0.03, 0.04], height_m=[0.8, 0.81, 0.82, 0.83, 0.84])
+ground = mirrorball.ground_map(camera=camera, profile=profile)
+print(estimate.mode, camera.centre_px, ground.x_m.shape)
+for step in range(10):
+    truth = mirrorball.Simulation("demo.toml", seed=step).step((1.0, 0.0, 0.5)).truth
+    print(truth.pose.theta_rad)
