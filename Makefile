@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 export PYO3_PYTHON := $(CURDIR)/$(VENV)/bin/python
 
-.PHONY: announce run test check fmt lint types genicam ros2 doc deny bench figures site dist setup system clean
+.PHONY: announce run test check fmt lint types genicam ros2 doc deny bench figures site wheel dist setup system clean
 
 run: announce setup
 	cargo run --release --locked -- demo
@@ -72,6 +72,10 @@ site: setup
 	ln -sfn ../../target/release/lib_core.so py/mirrorball/_core.so
 	$(VENV)/bin/python -m pip install --quiet --requirement docs/requirements.txt
 	NO_MKDOCS_2_WARNING=1 PYTHONPATH=py $(VENV)/bin/python -m mkdocs build --quiet
+
+# The package's wheel in out/wheel, tried in a fresh environment. It compiles its dependencies once more, in target-wheel.
+wheel: setup
+	$(VENV)/bin/python tools/check_wheel
 
 # Tarballs for the robot in dist/out, each started once in an empty folder.
 dist: setup

@@ -10,7 +10,7 @@ use localize::world::TeamColour;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
-use sim::hall::HallConfig;
+use sim::environment::EnvironmentConfig;
 use sim::image_sensor::ImageSensorConfig;
 use sim::light::LightConfig;
 use sim::render::{Renderer, RendererConfig, Scene, SceneBall};
@@ -165,7 +165,7 @@ pub(crate) fn render<'py>(
     } else {
         bare()
     };
-    let film = ImageSensorConfig {
+    let image_sensor = ImageSensorConfig {
         exposure: exposure as f32,
         blur_px: blur_px as f32,
         ..ImageSensorConfig::default()
@@ -189,11 +189,11 @@ pub(crate) fn render<'py>(
             body: &body,
             field,
             light: &LightConfig::default(),
-            hall: &HallConfig {
+            environment: &EnvironmentConfig {
                 cables: 0,
-                ..HallConfig::default()
+                ..EnvironmentConfig::default()
             },
-            film: &film,
+            image_sensor: &image_sensor,
             seed,
         })?;
         let scene = Scene {
@@ -206,7 +206,7 @@ pub(crate) fn render<'py>(
             }),
             ..Scene::default()
         };
-        renderer.render(&scene, &film, &mut rgb);
+        renderer.render(&scene, &image_sensor, &mut rgb);
         Ok(())
     })
     .map_err(|error| errors::optics(&error))?;

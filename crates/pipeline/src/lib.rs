@@ -8,6 +8,7 @@ mod presets;
 pub mod csv_table;
 pub mod partial_folder;
 pub mod paths;
+mod pose_error;
 pub mod sample;
 pub mod scan_map_cache;
 pub mod setup;

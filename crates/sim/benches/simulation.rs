@@ -55,8 +55,8 @@ fn image(c: &mut Criterion) {
         body: &body,
         field: &field,
         light: &scenario.light,
-        hall: &scenario.hall,
-        film: &scenario.film,
+        environment: &scenario.environment,
+        image_sensor: &scenario.image_sensor,
         seed: 1,
     })
     .expect("a renderer");
@@ -93,7 +93,7 @@ fn image(c: &mut Criterion) {
                 }),
                 ..Scene::default()
             };
-            renderer.render(black_box(&scene), &scenario.film, &mut rgb);
+            renderer.render(black_box(&scene), &scenario.image_sensor, &mut rgb);
             black_box(&rgb);
         });
     });

@@ -41,20 +41,23 @@ pub(crate) struct SiteGains {
 impl SiteGains {
     /// Gains of a row whose even and odd columns measure two colours, under light of a colour.
     pub(crate) fn new(
-        film: &ImageSensorConfig,
+        image_sensor: &ImageSensorConfig,
         light_colour: [f32; 3],
         colours: [usize; 2],
         width_px: usize,
     ) -> Self {
-        let gain = |column: usize| film.gain * film.white_balance[colours[column & 1]];
+        let gain =
+            |column: usize| image_sensor.gain * image_sensor.white_balance[colours[column & 1]];
         let row = |of: &dyn Fn(usize) -> f32| (0..width_px).map(of).collect();
         SiteGains {
             exposed: row(&|column| {
-                film.exposure * gain(column) * light_colour[colours[column & 1]]
+                image_sensor.exposure * gain(column) * light_colour[colours[column & 1]]
             }),
             // Shot noise arises before the gain: the variance of v is v·gain/well + (gain·read/well)².
-            shot: row(&|column| gain(column) / film.full_well),
-            read2: row(&|column| (gain(column) * film.read_noise / film.full_well).powi(2)),
+            shot: row(&|column| gain(column) / image_sensor.full_well),
+            read2: row(&|column| {
+                (gain(column) * image_sensor.read_noise / image_sensor.full_well).powi(2)
+            }),
         }
     }
 }
@@ -168,11 +171,11 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let sensor = ImageSensor::new(WIDTH, &mut rng);
         let mut pcg = Pcg::new(&mut rng);
-        let film = ImageSensorConfig {
+        let image_sensor = ImageSensorConfig {
             full_well: 500.0,
             ..ImageSensorConfig::ideal()
         };
-        let gains = SiteGains::new(&film, [1.0; 3], [0, 0], WIDTH);
+        let gains = SiteGains::new(&image_sensor, [1.0; 3], [0, 0], WIDTH);
         let mut measured_std = |level: f32| {
             let light = [level * TONES as f32; WIDTH];
             let (mut sum, mut square, mut tones) = (0.0, 0.0, [0; WIDTH]);

@@ -5,9 +5,9 @@
 mod ball;
 pub mod base;
 mod behaviour;
+pub mod environment;
 #[cfg(any(test, feature = "fusion_experiment"))]
 pub mod fusion_experiment;
-pub mod hall;
 pub mod image_sensor;
 pub mod light;
 mod path_follower;

@@ -11,7 +11,7 @@ use vision::Mount;
 
 pub use load::ScenarioError;
 
-use crate::hall::HallConfig;
+use crate::environment::EnvironmentConfig;
 use crate::image_sensor::ImageSensorConfig;
 use crate::light::LightConfig;
 use crate::people::PeopleConfig;
@@ -61,14 +61,14 @@ pub struct Scenario {
     #[serde(default = "default_focal_scale")]
     pub focal_scale: f64,
     /// Settings, optics and sensor of the camera.
-    #[serde(default)]
-    pub film: ImageSensorConfig,
+    #[serde(default, rename = "film")]
+    pub image_sensor: ImageSensorConfig,
     /// Light on the field.
     #[serde(default)]
     pub light: LightConfig,
     /// The floor, windows and cables of the hall.
-    #[serde(default)]
-    pub hall: HallConfig,
+    #[serde(default, rename = "hall")]
+    pub environment: EnvironmentConfig,
     /// People on and beside the field.
     #[serde(default)]
     pub people: PeopleConfig,

@@ -19,8 +19,8 @@ use pipeline::feed::{Feed, RecvError, Subscription};
 use pipeline::log::Header;
 use pipeline::log::publisher::CyclePublisher;
 use pipeline::log::schema::{
-    ABOUT_TOPIC, Context, CustomChannel, FIELD_LINES_TOPIC, FIELD_SCENE_TOPIC, PROJECT_NAME,
-    Topics, wire,
+    ABOUT_TOPIC, CALIBRATION_TOPIC, Context, CustomChannel, FIELD_LINES_TOPIC, FIELD_SCENE_TOPIC,
+    PROJECT_NAME, Topics, wire,
 };
 
 /// Capacity of the queue of cycles to publish; the newest two keep their images.
@@ -57,12 +57,7 @@ impl StreamServer {
         let StreamPreamble { header, field } = preamble;
         let context = Context::new();
         let topics = Topics::new(&context)?;
-        let messages = CyclePublisher::new(
-            topics,
-            config.images,
-            config.jpeg_quality,
-            header.clock_offset_ns,
-        );
+        let messages = CyclePublisher::new(topics, config.images, config.jpeg_quality, header);
         let about = CustomChannel::new(&context, ABOUT_TOPIC)?;
         let new_viewers = Arc::new(Mutex::new(Vec::new()));
         let server = FoxgloveServer::start(&context, config.backlog, &new_viewers, tuning.clone())
@@ -131,7 +126,7 @@ struct NewViewer {
 #[derive(PartialEq, Eq)]
 enum NewTopic {
     About,
-    Field,
+    Scenery,
 }
 
 /// New viewers that have not been served yet. More than this many are a flood, and wait for their next subscription.
@@ -144,7 +139,7 @@ impl ServerListener for SubscribeListener {
     fn on_subscribe(&self, client: Client, channel: ChannelView) {
         let topic = match channel.topic() {
             ABOUT_TOPIC => NewTopic::About,
-            FIELD_LINES_TOPIC | FIELD_SCENE_TOPIC => NewTopic::Field,
+            FIELD_LINES_TOPIC | FIELD_SCENE_TOPIC | CALIBRATION_TOPIC => NewTopic::Scenery,
             _ => return,
         };
         let sink = client.sink_id();
@@ -260,7 +255,7 @@ impl StreamWorker {
                         let time = self.messages.message_time(stamp);
                         self.about.log_to(&self.header_message, time, sink);
                     }
-                    NewTopic::Field => self.messages.publish_field(&self.field, stamp, sink),
+                    NewTopic::Scenery => self.messages.publish_scenery(&self.field, stamp, sink),
                 }
             }
             self.publish_settings();

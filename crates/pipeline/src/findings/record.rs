@@ -3,12 +3,10 @@
 use std::sync::Arc;
 
 use localize::estimate::Mode;
-use localize::frames::wrap_angle;
-use localize::math;
-use nalgebra::{Matrix3, Vector3};
 
 use crate::cycle::Cycle;
 use crate::log::reason_text;
+use crate::pose_error::PoseError;
 
 /// What the findings need of a cycle.
 #[derive(Debug, Clone)]
@@ -54,11 +52,7 @@ impl CycleRecord {
         let pose = estimate
             .pose
             .map(|pose| [pose.x, pose.y, pose.theta].map(f64::from));
-        let difference = pose.zip(cycle.inputs.truth.as_ref()).map(|(pose, truth)| {
-            let truth = [truth.pose.x, truth.pose.y, truth.pose.theta].map(f64::from);
-            let [x, y, theta]: [f64; 3] = std::array::from_fn(|axis| pose[axis] - truth[axis]);
-            Vector3::new(x, y, f64::from(wrap_angle(theta as f32)))
-        });
+        let error = PoseError::of(cycle);
         let detections = cycle.detections.as_ref();
         let exposure = cycle.exposure.as_ref();
         let setting = exposure.and_then(|exposure| exposure.applied_setting);
@@ -67,8 +61,8 @@ impl CycleRecord {
             time: cycle.stamp.seconds(),
             pose,
             std: (covariance[(0, 0)].max(0.0) + covariance[(1, 1)].max(0.0)).sqrt(),
-            error: difference.map(|difference| math::hypot(difference.x, difference.y)),
-            nees: difference.and_then(|difference| normalized_square(difference, covariance)),
+            error: error.map(|error| error.distance()),
+            nees: error.and_then(|error| error.nees),
             lost: estimate.mode == Mode::Lost,
             reason: reason_text(estimate),
             line_points: cycle.line_points.len() as f64,
@@ -89,13 +83,4 @@ impl CycleRecord {
                 .map(|map| [map.displacement_at_3_m, map.displacement_std_at_3_m].map(f64::from)),
         }
     }
-}
-
-/// eᵀ C⁻¹ e; None if the covariance is not positive.
-fn normalized_square(error: Vector3<f64>, covariance: Matrix3<f64>) -> Option<f64> {
-    // NaN is not positive, either.
-    if !(covariance.determinant() > 0.0) {
-        return None;
-    }
-    Some(error.dot(&covariance.lu().solve(&error)?))
 }

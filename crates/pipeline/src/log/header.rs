@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use localize::robot::{MapConfig, RobotConfig};
+use localize::robot::{CameraSection, MapConfig, RobotConfig};
 use vision::GroundMap;
 use vision::colour::colour_table::ColourTable;
 use vision::output_file::write_file;
@@ -143,6 +143,12 @@ impl Header {
             header = header.with_file("colours.table", colours.to_bytes());
         }
         Ok(header.with_file("robot.toml", toml::to_string(&stored)?))
+    }
+
+    /// The camera of robot.toml. None without a file or without a camera in it.
+    pub(super) fn camera(&self) -> Option<CameraSection> {
+        let text = std::str::from_utf8(self.files.get("robot.toml")?).ok()?;
+        toml::from_str::<RobotConfig>(text).ok()?.camera
     }
 
     /// True if the log holds what devices measured, and nothing computed from it (`mirrorball record`).

@@ -5,9 +5,12 @@ use localize::estimate::Mode;
 use localize::{Field, Stamp};
 
 use super::encoded_image::{EncodedImage, ImageCompression};
+use super::header::Header;
+use super::schema::robot_model::RobotModel;
 use super::schema::{Level, SinkId, Topics, convert, image_annotations, scene, wire};
 use crate::cycle::Cycle;
 use crate::feed::DropCounts;
+use crate::pose_error::PoseError;
 use crate::sample::SourceImage;
 
 /// Converts cycles to messages, and logs a note when the mode changes.
@@ -17,23 +20,25 @@ pub struct CyclePublisher {
     jpeg_quality: u8,
     /// Wall-clock time at the zero of the stamps, nanoseconds.
     clock_offset_ns: i64,
+    robot: RobotModel,
     /// Mode of the previous cycle.
     last_mode: Option<Mode>,
 }
 
 impl CyclePublisher {
-    /// `jpeg_quality`: 1 to 100. `clock_offset_ns`: added to a stamp it gives the time of its message.
+    /// `jpeg_quality`: 1 to 100. `header`: of the run, with its clock and its camera.
     pub fn new(
         topics: Topics,
         images: ImageCompression,
         jpeg_quality: u8,
-        clock_offset_ns: i64,
+        header: &Header,
     ) -> Self {
         CyclePublisher {
             topics,
             images,
             jpeg_quality,
-            clock_offset_ns,
+            clock_offset_ns: header.clock_offset_ns,
+            robot: RobotModel::new(header.camera()),
             last_mode: None,
         }
     }
@@ -43,8 +48,8 @@ impl CyclePublisher {
         Stamp(stamp.0.saturating_add(self.clock_offset_ns))
     }
 
-    /// Publishes the field's markings, for one viewer or for all.
-    pub fn publish_field(&self, field: &Field, stamp: Stamp, viewer: Option<SinkId>) {
+    /// Publishes the field's markings and the robot's model, for one viewer or for all.
+    pub fn publish_scenery(&self, field: &Field, stamp: Stamp, viewer: Option<SinkId>) {
         let stamp = self.message_time(stamp);
         let (points, lines) = (
             scene::field_points(field, stamp),
@@ -52,6 +57,17 @@ impl CyclePublisher {
         );
         self.topics.field_lines.log_to(&points, stamp, viewer);
         self.topics.scene.log_to(&lines, stamp, viewer);
+        self.topics
+            .scene
+            .log_to(&self.robot.scene(stamp), stamp, viewer);
+        self.publish_calibration(stamp, viewer);
+    }
+
+    /// Publishes the camera's intrinsics, if they are known, for one viewer or for all.
+    fn publish_calibration(&self, stamp: Stamp, viewer: Option<SinkId>) {
+        if let Some(calibration) = self.robot.calibration(stamp) {
+            self.topics.calibration.log_to(&calibration, stamp, viewer);
+        }
     }
 
     /// Publishes a cycle on all topics. Returns true if its image was published.
@@ -160,9 +176,15 @@ impl CyclePublisher {
             topics
                 .pose
                 .log_at(&scene::pose_in_frame(pose, stamp), stamp);
+        }
+        let transforms = self.robot.transforms(estimate.pose, stamp);
+        if !transforms.transforms.is_empty() {
+            topics.transforms.log_at(&transforms, stamp);
+        }
+        if let Some(error) = PoseError::of(cycle) {
             topics
-                .transforms
-                .log_at(&scene::robot_transform(pose, stamp), stamp);
+                .pose_error
+                .log_at(&convert::pose_error_to_wire(&error), stamp);
         }
         if let Some(map) = &estimate.map_correction {
             topics

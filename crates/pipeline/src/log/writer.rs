@@ -61,30 +61,22 @@ impl LogWriter {
             )
         })?;
         let (sink, topics) = Sink::create(path, pace)?;
-        let header = Header {
+        let mut header = Header {
             images: config.images,
             ..header.clone()
         };
         sink.metadata(PROJECT_NAME, header.metadata())?;
-        let mut files = header.files;
-        if !files.contains_key("field.toml") {
-            files.insert(
-                "field.toml".to_owned(),
-                toml::to_string(&field.config)?.into_bytes(),
-            );
+        if !header.files.contains_key("field.toml") {
+            let field = toml::to_string(&field.config)?;
+            header = header.with_file("field.toml", field);
         }
-        for (name, content) in &files {
+        for (name, content) in &header.files {
             sink.attach(name, content)?;
         }
         sink.flush()?;
         Ok(LogWriter {
             sink,
-            messages: CyclePublisher::new(
-                topics,
-                config.images,
-                config.jpeg_quality,
-                header.clock_offset_ns,
-            ),
+            messages: CyclePublisher::new(topics, config.images, config.jpeg_quality, &header),
             period,
             pending_field: Some(field.clone()),
             notes,
@@ -103,7 +95,7 @@ impl LogWriter {
         let mut flushed = Instant::now();
         while let Some(((index, cycle), dropped)) = queue.pop() {
             if let Some(field) = self.pending_field.take() {
-                self.messages.publish_field(&field, cycle.stamp, None);
+                self.messages.publish_scenery(&field, cycle.stamp, None);
             }
             let has_image = self.messages.publish_cycle(index, &cycle)?;
             self.messages.log_dropped("the disk", dropped, cycle.stamp);

@@ -204,9 +204,9 @@ fn scenario(
         },
         mount: Default::default(),
         focal_scale: 1.0,
-        film: Default::default(),
+        image_sensor: Default::default(),
         light: Default::default(),
-        hall: Default::default(),
+        environment: Default::default(),
         people: Default::default(),
         // Tilts of the disturbance are added to the samples, of the same size for each speed.
         rocking: crate::rocking::RockingConfig::upright(),

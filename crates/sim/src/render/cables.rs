@@ -7,7 +7,7 @@ use localize::frames::At;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::hall::HallConfig;
+use crate::environment::EnvironmentConfig;
 
 /// Length of a straight piece, metres.
 const STEP: f32 = 0.12;
@@ -34,10 +34,14 @@ impl Cable {
 }
 
 /// The cables of a hall on a carpet of ± half metres.
-pub(super) fn lay_cables(hall: &HallConfig, half: [f32; 2], rng: &mut ChaCha8Rng) -> Vec<Cable> {
-    (0..hall.cables)
+pub(super) fn lay_cables(
+    environment: &EnvironmentConfig,
+    half: [f32; 2],
+    rng: &mut ChaCha8Rng,
+) -> Vec<Cable> {
+    (0..environment.cables)
         .map(|_| Cable {
-            width: hall.cable_width,
+            width: environment.cable_width,
             points: lay_cable(half, rng),
         })
         .collect()

@@ -13,7 +13,7 @@ use super::moving_rays::MovedRays;
 use super::rays::{SortedRays, Tile};
 use super::row_transform::RowTransform;
 use super::solids::{Outline, Solid, edge_coverage};
-use crate::hall::HallConfig;
+use crate::environment::EnvironmentConfig;
 use crate::image_sensor::{RUN_PIXELS, linear_from_srgb, srgb_from_linear};
 
 /// Distance between carpet and walls, metres.
@@ -53,7 +53,7 @@ pub(super) struct Environment {
 }
 
 impl Environment {
-    pub(super) fn new(field: &Field, hall: &HallConfig, rng: &mut ChaCha8Rng) -> Self {
+    pub(super) fn new(field: &Field, config: &EnvironmentConfig, rng: &mut ChaCha8Rng) -> Self {
         let (carpet_x, carpet_y) = field.carpet_half_extent();
         let half = [carpet_x + MARGIN, carpet_y + MARGIN];
         let columns = (4.0 * (half[0] + half[1]) / CELL).ceil() as usize;
@@ -63,7 +63,7 @@ impl Environment {
             wall_texture: Vec::new(),
             columns,
             rows,
-            brightness: [1.0, hall.window_light],
+            brightness: [1.0, config.window_light],
             linear_from_srgb: std::array::from_fn(|byte| linear_from_srgb(byte as u8)),
             field_walls: field.config.walls.then_some((
                 [field.config.length / 2.0, field.config.width / 2.0],
@@ -72,7 +72,7 @@ impl Environment {
             clutter: make_clutter([carpet_x, carpet_y], rng),
         };
         environment.paint_walls(rng);
-        environment.paint_windows(hall.windows);
+        environment.paint_windows(config.windows);
         environment
     }
 

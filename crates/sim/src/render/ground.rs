@@ -12,7 +12,7 @@ use super::markings::{
 };
 use super::moving_rays::{MovedRays, RANGE_MAX};
 use super::rays::{SortedRays, Tile};
-use crate::hall::HallConfig;
+use crate::environment::EnvironmentConfig;
 use crate::image_sensor::{RUN_PIXELS, linear_from_srgb};
 use crate::light::LightConfig;
 
@@ -180,7 +180,7 @@ impl Ground {
         rays: &SortedRays,
         field: &Field,
         light: &LightConfig,
-        (hall, cables): (&HallConfig, &[Cable]),
+        (environment, cables): (&EnvironmentConfig, &[Cable]),
     ) -> Self {
         let count = rays.count();
         let footprints: Vec<Footprint> = (0..count).map(|ray| footprint(rays, ray)).collect();
@@ -199,7 +199,7 @@ impl Ground {
             if x.abs() < half_x && y.abs() < half_y {
                 carpet_albedo(x, y)
             } else {
-                plank_albedo(x, y, hall.plank_contrast)
+                plank_albedo(x, y, environment.plank_contrast)
             }
         };
         let lit = Texture::new(light_x, light_y, LIGHT_CELL, |x, y| {
@@ -236,7 +236,7 @@ impl Ground {
             light: lit,
             gloss,
             carpet_half: (half_x, half_y),
-            floor_rgb: hall.floor_rgb,
+            floor_rgb: environment.floor_rgb,
         }
     }
 

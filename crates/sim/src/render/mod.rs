@@ -27,7 +27,7 @@ pub use row_transform::CameraMotion;
 pub(crate) use row_transform::level_from_body;
 pub use scene::{Scene, SceneBall};
 
-use crate::hall::HallConfig;
+use crate::environment::EnvironmentConfig;
 use crate::image_sensor::{
     ImageSensor, ImageSensorConfig, JpegCompression, Pcg, Raw, SiteGains, TONES, demosaic_row,
     site_colours,
@@ -61,9 +61,9 @@ pub struct RendererConfig<'a> {
     /// Light on the field.
     pub light: &'a LightConfig,
     /// Floor, windows and cables.
-    pub hall: &'a HallConfig,
+    pub environment: &'a EnvironmentConfig,
     /// The camera; its blur and defocus are those of all images.
-    pub film: &'a ImageSensorConfig,
+    pub image_sensor: &'a ImageSensorConfig,
     /// Seed of environment, clutter and noise.
     pub seed: u64,
 }
@@ -106,16 +106,21 @@ impl Renderer {
         let rays = SortedRays::new(&table, |pixel| {
             let (column, row) = ((pixel % width_px) as f32, (pixel / width_px) as f32);
             let radius = (column - centre_u).hypot(row - centre_v);
-            config.film.blur_at(radius / rim)
+            config.image_sensor.blur_at(radius / rim)
         });
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         rng.set_stream(1);
-        let environment = Environment::new(config.field, config.hall, &mut rng);
+        let environment = Environment::new(config.field, config.environment, &mut rng);
         let (half_x, half_y) = config.field.carpet_half_extent();
         let mut cable_rng = ChaCha8Rng::seed_from_u64(config.seed);
         cable_rng.set_stream(4);
-        let cables = cables::lay_cables(config.hall, [half_x, half_y], &mut cable_rng);
-        let ground = Ground::new(&rays, config.field, config.light, (config.hall, &cables));
+        let cables = cables::lay_cables(config.environment, [half_x, half_y], &mut cable_rng);
+        let ground = Ground::new(
+            &rays,
+            config.field,
+            config.light,
+            (config.environment, &cables),
+        );
         let tile_sizes = rays.tiles.iter().map(|tile| tile.rays.len());
         let rays_max = tile_sizes.max().unwrap_or(0);
         // Nothing else writes the pixels outside the mirror.
@@ -146,7 +151,7 @@ impl Renderer {
     }
 
     /// Renders into `rgb`: three bytes per pixel, row by row.
-    pub fn render(&mut self, scene: &Scene, film: &ImageSensorConfig, rgb: &mut Vec<u8>) {
+    pub fn render(&mut self, scene: &Scene, image_sensor: &ImageSensorConfig, rgb: &mut Vec<u8>) {
         rgb.resize(3 * self.width_px * self.height_px, 0);
         let (pixels, _) = rgb.as_chunks_mut::<3>();
         self.draw_scene(scene);
@@ -167,7 +172,7 @@ impl Renderer {
             draw_occlusion(sector, &self.rays, image);
         }
         self.development
-            .develop(film, scene.light_colour, image, pixels);
+            .develop(image_sensor, scene.light_colour, image, pixels);
     }
 
     /// The linear light of each pixel.
@@ -260,24 +265,24 @@ impl Development {
 
     fn develop(
         &mut self,
-        film: &ImageSensorConfig,
+        image_sensor: &ImageSensorConfig,
         light_colour: [f32; 3],
         image: &[LightPixel],
         pixels: &mut [[u8; 3]],
     ) {
-        let scattered = film.bloom + film.glare > 0.0;
+        let scattered = image_sensor.bloom + image_sensor.glare > 0.0;
         if scattered {
-            self.scatter.update(image, self.width_px, film);
+            self.scatter.update(image, self.width_px, image_sensor);
         }
         let width_px = self.width_px;
-        if film.bayer {
-            let gains =
-                [0, 1].map(|row| SiteGains::new(film, light_colour, site_colours(row), width_px));
+        if image_sensor.bayer {
+            let gains = [0, 1]
+                .map(|row| SiteGains::new(image_sensor, light_colour, site_colours(row), width_px));
             for (row, light) in image.chunks(width_px).enumerate() {
-                self.set_scale(film, row);
-                self.set_light(film, scattered, row, light, site_colours(row));
+                self.set_scale(image_sensor, row);
+                self.set_light(image_sensor, scattered, row, light, site_colours(row));
                 self.image_sensor.expose_row(
-                    film.haze,
+                    image_sensor.haze,
                     &gains[row % 2],
                     &self.light_row,
                     &self.scale_row,
@@ -293,15 +298,15 @@ impl Development {
                 self.image_sensor.tone_map(tones, pixels);
             }
         } else {
-            let gains =
-                [0, 1, 2].map(|colour| SiteGains::new(film, light_colour, [colour; 2], width_px));
+            let gains = [0, 1, 2]
+                .map(|colour| SiteGains::new(image_sensor, light_colour, [colour; 2], width_px));
             let rows = image.chunks(width_px).zip(pixels.chunks_mut(width_px));
             for (row, (light, pixels)) in rows.enumerate() {
-                self.set_scale(film, row);
+                self.set_scale(image_sensor, row);
                 for (colour, gains) in gains.iter().enumerate() {
-                    self.set_light(film, scattered, row, light, [colour; 2]);
+                    self.set_light(image_sensor, scattered, row, light, [colour; 2]);
                     self.image_sensor.expose_row(
-                        film.haze,
+                        image_sensor.haze,
                         gains,
                         &self.light_row,
                         &self.scale_row,
@@ -313,27 +318,27 @@ impl Development {
                 self.image_sensor.tone_map(tones, pixels);
             }
         }
-        self.compress(film.jpeg_quality, pixels);
+        self.compress(image_sensor.jpeg_quality, pixels);
     }
 
     /// Vignetting of a row.
-    fn set_scale(&mut self, film: &ImageSensorConfig, row: usize) {
+    fn set_scale(&mut self, image_sensor: &ImageSensorConfig, row: usize) {
         let [columns, rows] = &self.falloff;
         for (scale, column) in self.scale_row.iter_mut().zip(columns) {
-            *scale = 1.0 - film.vignetting * (column + rows[row]);
+            *scale = 1.0 - image_sensor.vignetting * (column + rows[row]);
         }
     }
 
     /// Light on a row of pixels that measure `colours` in even and odd columns.
     fn set_light(
         &mut self,
-        film: &ImageSensorConfig,
+        image_sensor: &ImageSensorConfig,
         scattered: bool,
         row: usize,
         light: &[LightPixel],
         [even, odd]: [usize; 2],
     ) {
-        let direct = 1.0 - film.bloom - film.glare;
+        let direct = 1.0 - image_sensor.bloom - image_sensor.glare;
         match (even, odd) {
             (0, 1) => extract_colours::<0, 1>(light, direct, &mut self.light_row),
             (1, 2) => extract_colours::<1, 2>(light, direct, &mut self.light_row),

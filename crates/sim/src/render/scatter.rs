@@ -32,7 +32,7 @@ impl Scatter {
         &mut self,
         light: &[LightPixel],
         width_px: usize,
-        film: &ImageSensorConfig,
+        image_sensor: &ImageSensorConfig,
     ) {
         let height_px = light.len() / width_px.max(1);
         (self.columns, self.rows) = (width_px.div_ceil(CELL), height_px.div_ceil(CELL));
@@ -65,24 +65,24 @@ impl Scatter {
                 *value = sum.map(|sum| per * sum as f32);
             }
         }
-        self.spread_glare(film);
+        self.spread_glare(image_sensor);
         spread(
             &mut self.values,
             self.columns,
-            film.bloom_radius_px / CELL as f32,
+            image_sensor.bloom_radius_px / CELL as f32,
         );
-        self.add_glare(film);
+        self.add_glare(image_sensor);
     }
 
     /// The image averaged over `GLARE_CELL` values, spread over a quarter of the image.
-    fn spread_glare(&mut self, film: &ImageSensorConfig) {
+    fn spread_glare(&mut self, image_sensor: &ImageSensorConfig) {
         let (columns, rows) = (
             self.columns.div_ceil(GLARE_CELL),
             self.rows.div_ceil(GLARE_CELL),
         );
         self.coarse.clear();
         self.coarse.resize(columns * rows, [0.0; 4]);
-        if film.glare <= 0.0 {
+        if image_sensor.glare <= 0.0 {
             return;
         }
         let per = 1.0 / (GLARE_CELL * GLARE_CELL) as f32;
@@ -100,7 +100,7 @@ impl Scatter {
     }
 
     /// Adds bloom and glare with their shares.
-    fn add_glare(&mut self, film: &ImageSensorConfig) {
+    fn add_glare(&mut self, image_sensor: &ImageSensorConfig) {
         let columns = self.columns.div_ceil(GLARE_CELL);
         let last = self.coarse.len() / columns.max(1) - 1;
         let place = |index: usize, last: usize| {
@@ -120,7 +120,8 @@ impl Scatter {
                 for k in 0..4 {
                     let (high, low) =
                         (a[k] + across * (b[k] - a[k]), c[k] + across * (d[k] - c[k]));
-                    value[k] = film.bloom * value[k] + film.glare * (high + down * (low - high));
+                    value[k] = image_sensor.bloom * value[k]
+                        + image_sensor.glare * (high + down * (low - high));
                 }
             }
         }

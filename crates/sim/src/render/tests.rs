@@ -32,11 +32,11 @@ fn render_fixture(mount: Mount) -> RenderFixture {
         body: &robot.body.unwrap_or_default(),
         field: &field,
         light: &LightConfig::default(),
-        hall: &HallConfig {
+        environment: &EnvironmentConfig {
             cables: 0,
-            ..HallConfig::default()
+            ..EnvironmentConfig::default()
         },
-        film: &sensor_config,
+        image_sensor: &sensor_config,
         seed: 1,
     })
     .expect("a renderer");
@@ -277,8 +277,8 @@ fn touch_line_is_rendered_where_the_rays_of_a_tilted_robot_meet_it() {
         ..Scene::default()
     };
     let mut rgb = Vec::new();
-    let film = fixture.sensor_config;
-    fixture.renderer.render(&scene, &film, &mut rgb);
+    let image_sensor = fixture.sensor_config;
+    fixture.renderer.render(&scene, &image_sensor, &mut rgb);
     let (mut sum, mut weight) = (0.0, 0.0);
     let mut upright_sum = 0.0;
     for column in 0..480 {
@@ -308,7 +308,7 @@ fn touch_line_is_rendered_where_the_rays_of_a_tilted_robot_meet_it() {
 fn rolling_shutter_turns_rows_by_the_yaw_of_their_time() {
     let mut fixture = render_fixture(Mount::default());
     let pose = Pose::new(0.0, 0.0, 0.2);
-    let film = fixture.sensor_config;
+    let image_sensor = fixture.sensor_config;
     let mut render = |theta: f32, motion: CameraMotion| {
         let scene = Scene {
             pose: Pose::new(pose.x, pose.y, theta),
@@ -316,7 +316,7 @@ fn rolling_shutter_turns_rows_by_the_yaw_of_their_time() {
             ..Scene::default()
         };
         let mut rgb = Vec::new();
-        fixture.renderer.render(&scene, &film, &mut rgb);
+        fixture.renderer.render(&scene, &image_sensor, &mut rgb);
         rgb
     };
     let motion = CameraMotion {
@@ -343,7 +343,7 @@ fn rolling_shutter_turns_rows_by_the_yaw_of_their_time() {
 #[test]
 fn motion_blur_smears_edges_across_the_flow() {
     let mut fixture = render_fixture(Mount::default());
-    let film = fixture.sensor_config;
+    let image_sensor = fixture.sensor_config;
     let mut render = |motion: CameraMotion| {
         let scene = Scene {
             pose: Pose::new(0.5, 4.0, 0.0),
@@ -351,7 +351,7 @@ fn motion_blur_smears_edges_across_the_flow() {
             ..Scene::default()
         };
         let mut rgb = Vec::new();
-        fixture.renderer.render(&scene, &film, &mut rgb);
+        fixture.renderer.render(&scene, &image_sensor, &mut rgb);
         rgb
     };
     let sharp = render(CameraMotion::default());
@@ -379,9 +379,11 @@ fn motion_blur_smears_edges_across_the_flow() {
 #[test]
 fn scattered_light_brightens_the_dark_and_mosaic_noise_is_correlated() {
     let mut fixture = render_fixture(Mount::default());
-    let mut render = |film: ImageSensorConfig| {
+    let mut render = |image_sensor: ImageSensorConfig| {
         let mut rgb = Vec::new();
-        fixture.renderer.render(&Scene::default(), &film, &mut rgb);
+        fixture
+            .renderer
+            .render(&Scene::default(), &image_sensor, &mut rgb);
         rgb
     };
     let ideal = ImageSensorConfig::ideal();

@@ -177,13 +177,13 @@ impl Scenario {
             );
         }
         self.check_timed_events()?;
-        self.film
+        self.image_sensor
             .check()
             .map_err(|(key, reason)| (format!("film.{key}"), reason))?;
         self.light
             .check()
             .map_err(|(key, reason)| (format!("light.{key}"), reason))?;
-        self.hall
+        self.environment
             .check()
             .map_err(|(key, reason)| (format!("hall.{key}"), reason))?;
         self.people

@@ -249,8 +249,8 @@ impl Simulator {
             body: &body,
             field: &field,
             light: &scenario.light,
-            hall: &scenario.hall,
-            film: &scenario.film,
+            environment: &scenario.environment,
+            image_sensor: &scenario.image_sensor,
             seed: scenario.seed,
         };
         let renderer = Renderer::new(&renderer_config).map_err(optics_error)?;
@@ -294,7 +294,7 @@ impl Simulator {
             renderer,
             camera: real_camera,
             profile,
-            image_sensor: scenario.film,
+            image_sensor: scenario.image_sensor,
             pending_sensor_configs: VecDeque::new(),
             images: 0,
             renders_images: true,
@@ -394,8 +394,8 @@ impl Simulator {
             body: &self.robot.body.clone().unwrap_or_default(),
             field: &self.field,
             light: &self.scenario.light,
-            hall: &self.scenario.hall,
-            film: &self.scenario.film,
+            environment: &self.scenario.environment,
+            image_sensor: &self.scenario.image_sensor,
             seed: self.scenario.seed,
         });
         // Camera and mirror were checked when the simulation was set up.
@@ -464,7 +464,7 @@ impl Simulator {
         let robot = self.world.robot();
         let (sin, cos) = robot.pose.theta.sin_cos();
         let [vx, vy] = robot.velocity;
-        let film = &self.image_sensor;
+        let image_sensor = &self.image_sensor;
         let longest = 1.0 / self.scenario.frame_rate_hz as f32;
         CameraMotion {
             velocity: [cos * vx + sin * vy, cos * vy - sin * vx],
@@ -472,8 +472,8 @@ impl Simulator {
             tilt: self.rocking.tilt(),
             tilt_rate: self.rocking.tilt_rate(),
             // A camera exposes and reads out within the time between two images.
-            readout: film.rolling_shutter.min(longest),
-            shutter: (film.shutter * film.exposure).min(longest),
+            readout: image_sensor.rolling_shutter.min(longest),
+            shutter: (image_sensor.shutter * image_sensor.exposure).min(longest),
         }
     }
 }

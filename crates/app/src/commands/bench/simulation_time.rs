@@ -104,8 +104,8 @@ impl DemoScene {
             body: &self.body,
             field: &self.field,
             light: &self.scenario.light,
-            hall: &self.scenario.hall,
-            film: &self.scenario.film,
+            environment: &self.scenario.environment,
+            image_sensor: &self.scenario.image_sensor,
             seed: self.scenario.seed,
         })?)
     }
@@ -124,7 +124,7 @@ impl DemoScene {
             }),
             ..Scene::default()
         };
-        renderer.render(&scene, &self.scenario.film, rgb);
+        renderer.render(&scene, &self.scenario.image_sensor, rgb);
     }
 }
 

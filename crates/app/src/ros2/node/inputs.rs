@@ -4,33 +4,19 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::SyncSender;
 
-use anyhow::{Result, anyhow};
-use futures::channel::oneshot;
-use futures::executor::block_on;
-use futures::future::{Either, ready, select};
-use futures::stream::{LocalBoxStream, SelectAll, StreamExt};
 use hw::DeviceEvent;
 use hw::camera::{CapturedImage, Encoding};
 use localize::sample::{Imu as ImuSample, Odometry as WheelSample};
-use localize::{Pose, Stamp, math};
-use nalgebra::Matrix3;
-use ros2_client::qos::{Durability, History, Reliability, WhenFull};
-use ros2_client::{
-    Message, MessageInfo, Name, Node, QosProfile, RmwRequestId, Server, ServiceMapping,
-    ServiceTypeName, Subscription,
-};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use localize::{Stamp, math};
+use ros2_client::MessageInfo;
 
 use super::super::config::Ros2Config;
-use super::super::messages::{
-    Image, Imu, Odometry, PoseWithCovariance, PoseWithCovarianceStamped, Quaternion, RosType, Time,
-    Twist, TwistStamped,
-};
+use super::super::messages::{Image, Imu, Odometry, PoseWithCovariance, Time, Twist, Vector3};
 use super::super::odometry_frame::PlanarPose;
 use super::command_guard::CommandGuard;
-use super::publish::{topic_name, type_name};
+use super::given_pose::{planar_given, yaw_of};
 use super::shared::{Drive, GivenPose, Shared};
+use super::subscriptions::Incoming;
 
 /// Largest age of a sample's stamp; an older one is of another clock, seconds.
 const STAMP_AGE_MAX: f64 = 1.0;
@@ -38,160 +24,6 @@ const STAMP_AGE_MAX: f64 = 1.0;
 const SPEED_MAX: f64 = 20.0;
 /// Poses of another base that are kept: a second at 1000 Hz.
 const ODOMETRY_BUFFER: usize = 1000;
-/// Covariance of a given pose that states none: 0.5 m and 15°.
-const DEFAULT_VARIANCE: [f32; 3] = [0.25, 0.25, 0.068];
-/// Smallest variance of a given pose: nobody knows it to the millimetre.
-const VARIANCE_MIN: f32 = 1e-4;
-
-/// Request of robot_localization/SetPose.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-struct SetPoseRequest {
-    pose: PoseWithCovarianceStamped,
-}
-
-/// Its response: DDS has no empty structs.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-struct SetPoseResponse {
-    structure_needs_at_least_one_member: u8,
-}
-
-impl Message for SetPoseRequest {}
-impl Message for SetPoseResponse {}
-
-/// The subscriptions of the configured topics.
-pub(super) struct Subscriptions {
-    twist: Option<Subscription<Twist>>,
-    twist_stamped: Option<Subscription<TwistStamped>>,
-    initial_pose: Option<Subscription<PoseWithCovarianceStamped>>,
-    odometry: Option<Subscription<Odometry>>,
-    imu: Option<Subscription<Imu>>,
-    image: Option<Subscription<Image>>,
-    set_pose: Server<SetPoseRequest, SetPoseResponse>,
-}
-
-/// Something received.
-enum Incoming {
-    Twist(Twist, MessageInfo),
-    GivenPose(PoseWithCovariance),
-    SetPose(RmwRequestId, SetPoseRequest),
-    Odometry(Box<Odometry>),
-    Imu(Imu),
-    Image(Image),
-}
-
-fn subscription<M: RosType + 'static>(
-    node: &mut Node,
-    config: &Ros2Config,
-    topic: &str,
-    qos: QosProfile,
-) -> Result<Option<Subscription<M>>> {
-    if topic.is_empty() {
-        return Ok(None);
-    }
-    let name = topic_name(config, topic)?;
-    node.create_topic(&name, type_name::<M>(), &qos)
-        .and_then(|created| node.create_subscription(&created, None))
-        .map(Some)
-        .map_err(|error| anyhow!("[ros2] cannot read {topic}: {error}"))
-}
-
-impl Subscriptions {
-    pub(super) fn create(node: &mut Node, config: &Ros2Config) -> Result<Self> {
-        let topics = &config.inputs;
-        // Best effort, because writers of either kind accept it. Of a command the newest counts.
-        let newest = QosProfile::subscription_default();
-        let every = newest.clone().history(History::KeepLast { depth: 100 });
-        let service = QosProfile::publisher_default()
-            .reliability(Reliability::Reliable {
-                when_full: WhenFull::DEFAULT,
-            })
-            .durability(Durability::Volatile)
-            .history(History::KeepLast { depth: 10 });
-        let service_name = Name::parse(&config.absolute(&format!("{}/set_pose", config.node)))
-            .map_err(|error| anyhow!("[ros2] invalid node: {error:?}"))?;
-        let set_pose = node
-            .create_server(
-                ServiceMapping::Enhanced,
-                &service_name,
-                &ServiceTypeName::new("robot_localization", "SetPose"),
-                service.clone(),
-                service,
-            )
-            .map_err(|error| anyhow!("[ros2] cannot offer the service set_pose: {error}"))?;
-        Ok(Subscriptions {
-            twist: subscription(node, config, &topics.cmd_vel, newest.clone())?,
-            twist_stamped: subscription(node, config, &topics.cmd_vel_stamped, newest.clone())?,
-            initial_pose: subscription(node, config, &topics.initial_pose, every.clone())?,
-            odometry: subscription(node, config, &topics.odometry, every.clone())?,
-            imu: subscription(node, config, &topics.imu, every)?,
-            image: subscription(node, config, &topics.image, newest)?,
-            set_pose,
-        })
-    }
-
-    /// All of them as one stream. What cannot be decoded is left out.
-    fn streams(&self) -> SelectAll<LocalBoxStream<'_, Incoming>> {
-        fn of<'a, M: DeserializeOwned + 'static>(
-            subscription: &'a Option<Subscription<M>>,
-            wrap: impl Fn(M, MessageInfo) -> Incoming + 'a,
-        ) -> Option<LocalBoxStream<'a, Incoming>> {
-            let stream = subscription.as_ref()?.async_stream();
-            let taken = stream.filter_map(move |result| {
-                ready(result.ok().map(|(message, info)| wrap(message, info)))
-            });
-            Some(taken.boxed_local())
-        }
-        let requests = self.set_pose.receive_request_stream().filter_map(|result| {
-            ready(
-                result
-                    .ok()
-                    .map(|(id, request)| Incoming::SetPose(id, request)),
-            )
-        });
-        let streams = [
-            of(&self.twist, Incoming::Twist),
-            of(&self.twist_stamped, |message, info| {
-                Incoming::Twist(message.twist, info)
-            }),
-            of(&self.initial_pose, |message, _| {
-                Incoming::GivenPose(message.pose)
-            }),
-            of(&self.odometry, |message, _| {
-                Incoming::Odometry(Box::new(message))
-            }),
-            of(&self.imu, |message, _| Incoming::Imu(message)),
-            of(&self.image, |message, _| Incoming::Image(message)),
-            Some(requests.boxed_local()),
-        ];
-        streams.into_iter().flatten().collect()
-    }
-}
-
-/// Passes what arrives to the handler until `stopped`.
-pub(super) fn receive(
-    subscriptions: &Subscriptions,
-    mut handler: InputHandler,
-    mut stopped: oneshot::Receiver<()>,
-) {
-    let mut streams = subscriptions.streams();
-    block_on(async {
-        while let Either::Right((Some(incoming), _)) = select(&mut stopped, streams.next()).await {
-            if let Incoming::SetPose(id, request) = incoming {
-                handler.take_pose(&request.pose.pose);
-                let response = SetPoseResponse {
-                    structure_needs_at_least_one_member: 0,
-                };
-                // A client that is gone gets no response.
-                let _sent = subscriptions
-                    .set_pose
-                    .async_send_response(id, response)
-                    .await;
-            } else {
-                handler.handle(incoming);
-            }
-        }
-    });
-}
 
 /// What the receiving thread does with messages.
 pub(super) struct InputHandler {
@@ -221,11 +53,11 @@ impl InputHandler {
         }
     }
 
-    fn handle(&mut self, incoming: Incoming) {
+    /// Passes a message on to whom it is for.
+    pub(super) fn handle(&mut self, incoming: Incoming) {
         match incoming {
             Incoming::Twist(twist, info) => self.take_command(&twist, &info),
-            Incoming::GivenPose(pose) => self.take_pose(&pose),
-            Incoming::SetPose(_, request) => self.take_pose(&request.pose.pose),
+            Incoming::GivenPose(pose, _) => self.take_pose(&pose),
             Incoming::Odometry(odometry) => self.take_odometry(&odometry),
             Incoming::Imu(imu) => self.take_imu(&imu),
             Incoming::Image(image) => self.take_image(image),
@@ -352,9 +184,7 @@ impl InputHandler {
     }
 
     fn take_imu(&mut self, imu: &Imu) {
-        let vector = |value: &super::super::messages::Vector3| {
-            [value.x, value.y, value.z].map(|value| value as f32)
-        };
+        let vector = |value: &Vector3| [value.x, value.y, value.z].map(|value| value as f32);
         self.push(DeviceEvent::Imu(ImuSample {
             stamp: self.stamp(&imu.header.stamp),
             specific_force: vector(&imu.linear_acceleration),
@@ -399,50 +229,6 @@ impl InputHandler {
             data: Arc::new(image.data.0.into()),
         }));
     }
-}
-
-fn yaw_of(rotation: &Quaternion) -> f64 {
-    let Quaternion { x, y, z, w } = *rotation;
-    let norm = x * x + y * y + z * z + w * w;
-    if !((norm - 1.0).abs() < 0.1) {
-        return f64::NAN;
-    }
-    math::atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
-}
-
-/// A given pose in the plane. None if it is not finite.
-fn planar_given(given: &PoseWithCovariance) -> Option<GivenPose> {
-    let position = &given.pose.position;
-    let pose = [position.x, position.y, yaw_of(&given.pose.orientation)].map(|value| value as f32);
-    let places = [0, 1, 5];
-    let mut covariance =
-        Matrix3::from_fn(|row, column| given.covariance[places[row]][places[column]] as f32);
-    let all = pose.iter().chain(covariance.iter());
-    if !all
-        .clone()
-        .all(|value| value.is_finite() && value.abs() < 1e6)
-    {
-        return None;
-    }
-    // Symmetric and positive: otherwise only the variances count.
-    let symmetric = (covariance + covariance.transpose()) / 2.0;
-    covariance = if symmetric.cholesky().is_some() {
-        symmetric
-    } else {
-        Matrix3::from_diagonal(&symmetric.diagonal())
-    };
-    for (index, default) in DEFAULT_VARIANCE.into_iter().enumerate() {
-        let variance = &mut covariance[(index, index)];
-        if *variance <= 0.0 {
-            *variance = default;
-        }
-        *variance = variance.max(VARIANCE_MIN);
-    }
-    let [x, y, theta] = pose;
-    Some(GivenPose {
-        pose: Pose::new(x, y, theta),
-        covariance,
-    })
 }
 
 fn encoding(name: &str) -> Option<Encoding> {

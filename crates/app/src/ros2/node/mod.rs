@@ -1,29 +1,29 @@
 //! A node of ROS 2, by a DDS implementation in Rust: publishes cycles, and passes what others send to the run.
 
 mod command_guard;
+mod given_pose;
 mod inputs;
+mod membership;
+mod outage;
 mod parameters;
 mod publish;
 mod shared;
+mod subscriptions;
 
-use std::net::IpAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 
-use anyhow::{Context as _, Result, anyhow};
-use futures::channel::oneshot;
-use futures::executor::block_on;
+use anyhow::Result;
 use hw::{EventQueue, HealthReport};
 use localize::Field;
 use localize::filter::FilterConfig;
 use pipeline::feed::Feed;
-use ros2_client::dds::rustdds::DomainParticipantBuilder;
-use ros2_client::{Context, Node, NodeName};
 
 use super::config::Ros2Config;
 use super::convert::MessageConverter;
+use membership::{MembershipKeeper, Topics};
 use shared::{Drive, Shared};
 pub(crate) use shared::{GivenPose, Ros2Counts};
 
@@ -46,10 +46,7 @@ pub(crate) struct NodeContext<'a> {
 pub(crate) struct RosNode {
     shared: Arc<Shared>,
     given_poses: Receiver<GivenPose>,
-    stop_receiving: Option<oneshot::Sender<()>>,
     threads: Vec<JoinHandle<()>>,
-    /// Its services end with it.
-    _node: Node,
 }
 
 impl RosNode {
@@ -60,58 +57,41 @@ impl RosNode {
         context: &NodeContext<'_>,
         drive: Box<Drive>,
     ) -> Result<Self> {
-        let participant = DomainParticipantBuilder::new(config.domain)
-            .with_only_networks([IpAddr::V4(config.interface)])
-            .build()
-            .map_err(|error| anyhow!("{error}"))
-            .with_context(|| format!("[ros2] cannot join domain {}", config.domain))?;
-        let ros = Context::from_domain_participant(participant)
-            .map_err(|error| anyhow!("[ros2] {error}"))?;
-        let name = NodeName::new(&config.namespace, &config.node)
-            .map_err(|error| anyhow!("[ros2] invalid node: {error:?}"))?;
-        let is_started = Arc::new(AtomicBool::new(false));
-        let options = parameters::options(config, context.tuning.as_ref(), is_started.clone());
-        let mut node = ros
-            .new_node(name, options)
-            .map_err(|error| anyhow!("[ros2] {error}"))?;
-        is_started.store(true, Ordering::Relaxed);
-        let publishers = publish::Publishers::create(&mut node, config)?;
-        let subscriptions = inputs::Subscriptions::create(&mut node, config)?;
-        let spinner = node.spinner().map_err(|error| anyhow!("[ros2] {error}"))?;
         let shared = Arc::new(Shared::default());
+        let (to_publisher, renewed) = channel();
+        let (to_receiver, subscriptions) = channel();
+        let topics = Topics {
+            publishers: to_publisher,
+            subscriptions: to_receiver,
+        };
+        let tuning = context.tuning.clone();
+        let keeper = MembershipKeeper::start(config.clone(), tuning, topics, shared.clone())?;
         let (poses, given_poses): (SyncSender<GivenPose>, _) = sync_channel(1);
-        let (stop_receiving, stopped) = oneshot::channel();
-        let converter = MessageConverter::new(
-            config.frames.clone(),
-            hw::realtime_offset_ns(),
-            context.filter,
-        );
         let publisher = publish::PublishLoop {
             cycles: feed.subscribe(CYCLE_QUEUE_CAPACITY),
-            converter,
-            publishers,
+            converter: MessageConverter::new(
+                config.frames.clone(),
+                hw::realtime_offset_ns(),
+                context.filter,
+            ),
+            renewed,
+            field: context.field.clone(),
+            camera_height: context.camera_height,
             shared: shared.clone(),
             jpeg_quality: config.jpeg_quality,
             frames: config.frames.clone(),
             has_external_odometry: !config.inputs.odometry.is_empty(),
         };
-        publisher.publish_static(context.field, context.camera_height);
         let handler = inputs::InputHandler::new(config, shared.clone(), poses, drive);
         let mut started = RosNode {
             shared,
             given_poses,
-            stop_receiving: Some(stop_receiving),
-            threads: Vec::new(),
-            _node: node,
+            threads: vec![keeper],
         };
         started.spawn("ros2 publish", move || publisher.run())?;
         started.spawn("ros2 receive", move || {
-            inputs::receive(&subscriptions, handler, stopped);
+            subscriptions::receive_all(&subscriptions, handler);
         })?;
-        // Ends when the node is dropped.
-        std::thread::Builder::new()
-            .name("ros2 services".to_owned())
-            .spawn(move || drop(block_on(spinner.spin())))?;
         Ok(started)
     }
 
@@ -161,9 +141,8 @@ impl RosNode {
 impl Drop for RosNode {
     fn drop(&mut self) {
         self.shared.stop_requested.store(true, Ordering::Relaxed);
-        if let Some(stop) = self.stop_receiving.take() {
-            // The thread may have ended by itself.
-            let _ended = stop.send(());
+        for thread in &self.threads {
+            thread.thread().unpark();
         }
         for thread in self.threads.drain(..) {
             // A panic was reported when it happened.

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
 use anyhow::{Result, anyhow};
@@ -120,7 +121,11 @@ impl Publishers {
 pub(super) struct PublishLoop {
     pub(super) cycles: Subscription,
     pub(super) converter: MessageConverter,
-    pub(super) publishers: Publishers,
+    /// Those of a domain that was joined, again after an outage.
+    pub(super) renewed: Receiver<Publishers>,
+    pub(super) field: Field,
+    /// Of the pinhole above the ground, metres.
+    pub(super) camera_height: Option<f32>,
     pub(super) shared: Arc<Shared>,
     pub(super) jpeg_quality: u8,
     pub(super) frames: Frames,
@@ -129,33 +134,42 @@ pub(super) struct PublishLoop {
 
 impl PublishLoop {
     /// Publishes what does not change.
-    pub(super) fn publish_static(&self, field: &Field, camera_height: Option<f32>) {
+    fn publish_static(&self, publishers: &Publishers) {
         let now_ns = self.converter.time_ns(hw::now());
-        let markings = field_markers(field, header(now_ns, &self.frames.map));
-        self.publish(&self.publishers.field, markings);
-        if let Some(height) = camera_height {
+        let markings = field_markers(&self.field, header(now_ns, &self.frames.map));
+        self.publish(&publishers.field, markings);
+        if let Some(height) = self.camera_height {
             let names = [&*self.frames.base, &*self.frames.camera];
             let camera = planar_transform(now_ns, names, PlanarPose::default(), height.into());
             let transforms = vec![camera];
-            self.publish(&self.publishers.tf_static, TFMessage { transforms });
+            self.publish(&publishers.tf_static, TFMessage { transforms });
         }
     }
 
     /// Publishes cycles until the feed ends or the node stops.
     pub(super) fn run(mut self) {
         hw::realtime::lower_priority();
+        // The domain was joined before this thread was started.
+        let Ok(mut publishers) = self.renewed.recv() else {
+            return;
+        };
+        self.publish_static(&publishers);
         while !self.shared.stop_requested.load(Ordering::Relaxed) {
+            if let Some(renewed) = self.renewed.try_iter().last() {
+                publishers = renewed;
+                self.publish_static(&publishers);
+            }
             let (cycle, dropped) = match self.cycles.recv_indexed(POLL_PERIOD) {
                 Ok(((_, cycle), dropped)) => (cycle, dropped.cycles),
                 Err(RecvError::Timeout) => continue,
                 Err(RecvError::Closed) => return,
             };
             self.shared.cycles_dropped.store(dropped, Ordering::Relaxed);
-            self.publish_cycle(&cycle);
+            self.publish_cycle(&publishers, &cycle);
         }
     }
 
-    fn publish_cycle(&mut self, cycle: &Cycle) {
+    fn publish_cycle(&mut self, publishers: &Publishers, cycle: &Cycle) {
         // The wall clock is slewed while the robot runs.
         self.converter.set_clock_offset_ns(hw::realtime_offset_ns());
         let external = self
@@ -165,7 +179,6 @@ impl PublishLoop {
         self.converter
             .set_external_odometry(self.has_external_odometry, external);
         for (_, message) in self.converter.messages(cycle) {
-            let publishers = &self.publishers;
             match message {
                 Outgoing::Odometry(message) => self.publish(&publishers.odometry, *message),
                 Outgoing::Pose(message) => self.publish(&publishers.pose, message),
@@ -187,13 +200,12 @@ impl PublishLoop {
             }
         }
         let stamp_ns = self.converter.time_ns(cycle.stamp);
-        self.publish_images(cycle, stamp_ns);
+        self.publish_images(publishers, cycle, stamp_ns);
         let clock = time(stamp_ns);
-        self.publish(&self.publishers.clock, Clock { clock });
+        self.publish(&publishers.clock, Clock { clock });
     }
 
-    fn publish_images(&self, cycle: &Cycle, stamp_ns: i64) {
-        let publishers = &self.publishers;
+    fn publish_images(&self, publishers: &Publishers, cycle: &Cycle, stamp_ns: i64) {
         if publishers.image.is_none() && publishers.compressed_image.is_none() {
             return;
         }

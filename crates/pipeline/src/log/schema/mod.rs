@@ -5,6 +5,7 @@
 pub(crate) mod convert;
 pub(crate) mod file;
 pub(crate) mod image_annotations;
+pub(crate) mod robot_model;
 pub(crate) mod scene;
 pub mod wire;
 mod wire_detections;
@@ -18,8 +19,8 @@ use std::sync::{Arc, OnceLock};
 use anyhow::{Context as _, Result, anyhow};
 pub(crate) use foxglove::messages::log::Level;
 use foxglove::messages::{
-    CompressedImage, FrameTransforms, ImageAnnotations, Log, PointCloud, PoseInFrame, PosesInFrame,
-    SceneUpdate, Timestamp,
+    CameraCalibration, CompressedImage, FrameTransforms, ImageAnnotations, Log, PointCloud,
+    PoseInFrame, PosesInFrame, SceneUpdate, Timestamp,
 };
 use foxglove::prost_types::FileDescriptorSet;
 use foxglove::{
@@ -47,6 +48,8 @@ pub const ABOUT_TOPIC: &str = "/about";
 pub const FIELD_LINES_TOPIC: &str = "/field/lines";
 /// The markings as lines, and all objects.
 pub const FIELD_SCENE_TOPIC: &str = "/field/scene";
+/// Topic of the camera's intrinsics.
+pub const CALIBRATION_TOPIC: &str = "/camera/calibration";
 /// Topic of the images.
 pub const IMAGE_TOPIC: &str = "/camera/image";
 
@@ -61,6 +64,7 @@ const LIVE_CHUNK_BYTES: u64 = 4 * 1024 * 1024;
 /// The channels of a run. Their messages go to all sinks of the context.
 pub struct Topics {
     image: FoxgloveChannel<CompressedImage>,
+    pub(crate) calibration: FoxgloveChannel<CameraCalibration>,
     pub(crate) annotations: FoxgloveChannel<ImageAnnotations>,
     pub(crate) line_points: FoxgloveChannel<PointCloud>,
     pub(crate) ball: CustomChannel<wire::Ball>,
@@ -75,6 +79,7 @@ pub struct Topics {
     pub(crate) map_correction: CustomChannel<wire::MapCorrection>,
     pub(crate) particles: FoxgloveChannel<PosesInFrame>,
     pub(crate) truth: FoxgloveChannel<PoseInFrame>,
+    pub(crate) pose_error: CustomChannel<wire::PoseError>,
     pub(crate) transforms: FoxgloveChannel<FrameTransforms>,
     pub(crate) field_lines: FoxgloveChannel<PointCloud>,
     pub(crate) scene: FoxgloveChannel<SceneUpdate>,
@@ -87,6 +92,7 @@ impl Topics {
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         Ok(Topics {
             image: FoxgloveChannel::new(context, IMAGE_TOPIC),
+            calibration: FoxgloveChannel::new(context, CALIBRATION_TOPIC),
             annotations: FoxgloveChannel::new(context, "/camera/annotations"),
             line_points: FoxgloveChannel::new(context, "/vision/line_points"),
             ball: CustomChannel::new(context, "/vision/ball")?,
@@ -101,6 +107,7 @@ impl Topics {
             map_correction: CustomChannel::new(context, "/map/correction")?,
             particles: FoxgloveChannel::new(context, "/pose/particles"),
             truth: FoxgloveChannel::new(context, "/truth/pose"),
+            pose_error: CustomChannel::new(context, "/truth/error")?,
             transforms: FoxgloveChannel::new(context, "/tf"),
             field_lines: FoxgloveChannel::new(context, FIELD_LINES_TOPIC),
             scene: FoxgloveChannel::new(context, FIELD_SCENE_TOPIC),
@@ -118,7 +125,7 @@ impl Topics {
     pub(crate) fn publish_image(&self, image: EncodedImage, stamp: Stamp) {
         let message = CompressedImage {
             timestamp: timestamp(stamp),
-            frame_id: "camera".to_owned(),
+            frame_id: robot_model::CAMERA_FRAME.to_owned(),
             format: image.compression.name().to_owned(),
             data: image.bytes.into(),
         };

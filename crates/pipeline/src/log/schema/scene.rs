@@ -3,8 +3,8 @@
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{
     ArrowPrimitive, Color, CubePrimitive, CylinderPrimitive, Duration, FrameTransform,
-    FrameTransforms, LinePrimitive, PackedElementField, Point3, PointCloud, PoseInFrame,
-    PosesInFrame, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Vector3, line_primitive,
+    LinePrimitive, PackedElementField, Point3, PointCloud, PoseInFrame, PosesInFrame, Quaternion,
+    SceneEntity, SceneUpdate, SpherePrimitive, Vector3, line_primitive,
 };
 use localize::field::Marking;
 use localize::frames::{At, FieldFrame};
@@ -19,13 +19,13 @@ use crate::cycle::Cycle;
 /// Name of the field frame in viewers.
 const FIELD_FRAME: &str = "field";
 /// Name of the robot frame in viewers.
-const ROBOT_FRAME: &str = "robot";
+pub(super) const ROBOT_FRAME: &str = "robot";
 /// Spacing of points along markings, metres: a third of the league's line width.
 const LINE_STEP: f32 = 0.04;
 /// Diameter of a size 5 ball, metres.
 const BALL_DIAMETER: f64 = 0.22;
 /// Size of the league's largest robot, metres.
-const ROBOT_SIDE: f64 = 0.52;
+pub(super) const ROBOT_SIDE: f64 = 0.52;
 const ROBOT_HEIGHT: f64 = 0.8;
 /// Lifetime of drawn moving objects after their last message, seconds.
 const LIFETIME_S: f64 = 0.5;
@@ -206,16 +206,13 @@ pub(crate) fn poses_in_frame(poses: impl Iterator<Item = Pose>, stamp: Stamp) ->
 }
 
 /// Transform from the robot frame to the field frame.
-pub(crate) fn robot_transform(pose: Pose, stamp: Stamp) -> FrameTransforms {
-    let transform = FrameTransform {
+pub(crate) fn robot_transform(pose: Pose, stamp: Stamp) -> FrameTransform {
+    FrameTransform {
         timestamp: timestamp(stamp),
         parent_frame_id: FIELD_FRAME.to_owned(),
         child_frame_id: ROBOT_FRAME.to_owned(),
         translation: vector([f64::from(pose.x), f64::from(pose.y), 0.0]),
         rotation: Some(yaw_quaternion(pose.theta)),
-    };
-    FrameTransforms {
-        transforms: vec![transform],
     }
 }
 
@@ -301,7 +298,7 @@ fn pose3(pose: Pose) -> Option<foxglove::messages::Pose> {
     })
 }
 
-fn upright<F>(at: At<F>, height: f32) -> Option<foxglove::messages::Pose> {
+pub(super) fn upright<F>(at: At<F>, height: f32) -> Option<foxglove::messages::Pose> {
     Some(foxglove::messages::Pose {
         position: vector([at.x, at.y, height].map(f64::from)),
         orientation: Some(yaw_quaternion(0.0)),
@@ -318,7 +315,7 @@ fn yaw_quaternion(theta: f32) -> Quaternion {
     }
 }
 
-fn vector([x, y, z]: [f64; 3]) -> Option<Vector3> {
+pub(super) fn vector([x, y, z]: [f64; 3]) -> Option<Vector3> {
     Some(Vector3 { x, y, z })
 }
 

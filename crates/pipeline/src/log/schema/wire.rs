@@ -10,7 +10,7 @@ use prost::bytes::Bytes;
 pub(crate) use super::wire_detections::{
     Ball, Detections, Exposure, Goal, RejectedObject, Robot, Robots, Sensors, Windows,
 };
-pub(crate) use super::wire_geometry::{LinePoints, Pose};
+pub(crate) use super::wire_geometry::{LinePoints, Pose, PoseError};
 pub(crate) use super::wire_world::{
     Object, OnField, SharedBall, TeamReport, TeamView, Teammate, WorldView,
 };

@@ -13,6 +13,23 @@ pub(crate) struct Pose {
     pub(crate) theta: f32,
 }
 
+/// Estimated minus true pose: metres in the field frame, radians.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct PoseError {
+    #[prost(float, required)]
+    pub(crate) x: f32,
+    #[prost(float, required)]
+    pub(crate) y: f32,
+    #[prost(float, required)]
+    pub(crate) theta: f32,
+    /// Of the position, metres.
+    #[prost(float, required)]
+    pub(crate) distance: f32,
+    /// Squared normalised error (3 on average if the covariance is right); not a number without a covariance.
+    #[prost(float, required)]
+    pub(crate) nees: f32,
+}
+
 /// Line points in the robot frame, metres; each list has one entry per point.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct LinePoints {

@@ -7,12 +7,24 @@ use localize::sample::LinePoint;
 use nalgebra::Matrix3;
 
 use super::super::wire;
+use crate::pose_error::PoseError;
 
 pub(super) fn pose_to_wire(pose: Pose) -> wire::Pose {
     wire::Pose {
         x: pose.x,
         y: pose.y,
         theta: pose.theta,
+    }
+}
+
+pub(crate) fn pose_error_to_wire(error: &PoseError) -> wire::PoseError {
+    let [x, y, theta] = error.difference.into();
+    wire::PoseError {
+        x: x as f32,
+        y: y as f32,
+        theta: theta as f32,
+        distance: error.distance() as f32,
+        nees: error.nees.map_or(f32::NAN, |nees| nees as f32),
     }
 }
 

@@ -1,11 +1,11 @@
-//! What does the hall look like around and on the carpet?
+//! What do the surroundings look like around and on the carpet?
 
 use serde::{Deserialize, Serialize};
 
 /// `[hall]` of a scenario: floor, windows, and cables on the carpet.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct HallConfig {
+pub struct EnvironmentConfig {
     /// Colour of the floor around the carpet, sRGB 0 to 255. The default is wood.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub floor_rgb: [u8; 3],
@@ -21,9 +21,9 @@ pub struct HallConfig {
     pub window_light: f32,
 }
 
-impl Default for HallConfig {
+impl Default for EnvironmentConfig {
     fn default() -> Self {
-        HallConfig {
+        EnvironmentConfig {
             floor_rgb: [150, 112, 82],
             plank_contrast: 0.12,
             cables: 1,
@@ -34,7 +34,7 @@ impl Default for HallConfig {
     }
 }
 
-impl HallConfig {
+impl EnvironmentConfig {
     pub(crate) fn check(&self) -> Result<(), (String, String)> {
         for (key, value, [least, most]) in [
             ("plank_contrast", self.plank_contrast, [0.0, 0.9]),
