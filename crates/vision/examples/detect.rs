@@ -5,7 +5,7 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use localize::robot::CameraConfig;
+use localize::robot::{CameraConfig, DEFAULT_VIEWPOINT_HEIGHT};
 use localize::{Field, Pose};
 use vision::overlay;
 use vision::{GroundMap, Image, Mount, Profile, Vision, VisionConfig, optics};
@@ -155,7 +155,13 @@ fn save_overlays(
     let name = Path::new(file).file_stem().ok_or("missing file name")?;
     let mut drawn = overlay::upscale(image, 2);
     if let Some(&pose) = pose {
-        overlay::draw_field(&mut drawn, 2, map, pose, &field.markings);
+        let upright = overlay::FieldView {
+            map,
+            tilt: [0.0; 2],
+            viewpoint_height: DEFAULT_VIEWPOINT_HEIGHT,
+            pose,
+        };
+        overlay::draw_field(&mut drawn, 2, upright, &field.markings);
     }
     overlay::draw_carpet_end(&mut drawn, 2, vision.scan_pattern(), detections);
     overlay::draw_detections(&mut drawn, 2, detections);

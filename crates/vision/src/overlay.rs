@@ -1,8 +1,9 @@
 //! Draws detections, rejected candidates and the field's lines at a pose into an image.
 
 use localize::field::Marking;
-use localize::frames::{At, FieldFrame, Pose};
+use localize::frames::{At, FieldFrame, Pose, RobotFrame};
 use localize::math;
+use localize::tilt::ground_from_map;
 use localize::world::TeamColour;
 
 use crate::colour::lookup_table::ColourClass;
@@ -146,18 +147,33 @@ pub fn draw_carpet_end(
     }
 }
 
-/// Draws the markings' centre lines, projected by the map at a pose, on an image enlarged by `times`.
-pub fn draw_field(
-    image: &mut Image,
-    times: usize,
-    map: &GroundMap,
-    pose: Pose,
-    markings: &[Marking],
-) {
+/// Where a robot sees the field from.
+#[derive(Debug, Clone, Copy)]
+pub struct FieldView<'a> {
+    /// Of the upright robot.
+    pub map: &'a GroundMap,
+    /// x and y components of "up", radians.
+    pub tilt: [f32; 2],
+    /// Above the ground, metres.
+    pub viewpoint_height: f32,
+    /// On the field.
+    pub pose: Pose,
+}
+
+impl FieldView<'_> {
+    /// The point of the field at a pixel. None outside the map.
+    fn at(&self, u: f32, v: f32) -> Option<At<FieldFrame>> {
+        let ground = self.map.interpolate(u, v)?;
+        let [x, y] = ground_from_map([ground.x, ground.y], self.tilt, self.viewpoint_height);
+        Some(self.pose * At::<RobotFrame>::new(x, y))
+    }
+}
+
+/// Draws the markings' centre lines as a robot sees them, on an image enlarged by `times`.
+pub fn draw_field(image: &mut Image, times: usize, view: FieldView<'_>, markings: &[Marking]) {
     let field = |u: i64, v: i64| {
         let scale = |at: i64| (at as f32 + 0.5) / times as f32 - 0.5;
-        map.interpolate(scale(u), scale(v))
-            .map(|ground| pose * ground)
+        view.at(scale(u), scale(v))
     };
     for v in 0..image.height_px as i64 {
         for u in 0..image.width_px as i64 {

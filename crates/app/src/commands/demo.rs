@@ -193,8 +193,7 @@ impl RunTrace {
         if let Some(pose) = cycle.estimate.pose {
             field.dot(pose.origin(), ink::estimate(), 9.0);
         }
-        let map = setup.camera.as_ref().map(|(_, map)| map);
-        let camera = map.and_then(|map| draw_detections(cycle, &setup.field, map));
+        let camera = draw_detections(cycle, setup);
         let field = field.finish();
         Ok(camera.map_or_else(|| field.clone(), |camera| side_by_side(&field, &camera)))
     }
