@@ -23,7 +23,7 @@ DIMENSIONLESS = re.compile(
             # True or false.
             r".*(^|_)(on_ground|learned|kick|lens_centred|half_known|collision|searching|light_jumped)",
             # Texts.
-            r".*(^|_)(image|mode|reason|fault|warning|team|settings|warm_start|frame_id|format|message|name|file|level)",
+            r".*(^|_)(image|mode|reason|fault|warning|team|settings|warm_start|frame_id|format|message|name|file|level|distortion_model)",
         )
     )
 )
@@ -32,6 +32,8 @@ DIMENSIONLESS = re.compile(
 _BY_TOPIC = {
     "/command": {"x": "_mps", "y": "_mps", "theta": "_radps"},
     "/vision/ball": {"x": "_m", "y": "_m"},
+    "/truth/error": {"x": "_m", "y": "_m", "distance": "_m"},
+    "/camera/calibration": {"width": "_px", "height": "_px"},
 }
 
 _BY_NAME = (
