@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::net::IpAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Sender, sync_channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -27,8 +27,8 @@ const OBSERVATION_PERIOD: Duration = Duration::from_millis(500);
 
 /// Where the topics of a new membership go.
 pub(super) struct Topics {
-    pub(super) publishers: Sender<Publishers>,
-    pub(super) subscriptions: Sender<Joined>,
+    pub(super) publishers: SyncSender<Publishers>,
+    pub(super) subscriptions: SyncSender<Joined>,
 }
 
 /// Joins the domain again when an outage has cut the node off.

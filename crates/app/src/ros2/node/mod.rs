@@ -12,7 +12,7 @@ mod subscriptions;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use anyhow::Result;
@@ -58,8 +58,8 @@ impl RosNode {
         drive: Box<Drive>,
     ) -> Result<Self> {
         let shared = Arc::new(Shared::default());
-        let (to_publisher, renewed) = channel();
-        let (to_receiver, subscriptions) = channel();
+        let (to_publisher, renewed) = sync_channel(1);
+        let (to_receiver, subscriptions) = sync_channel(1);
         let topics = Topics {
             publishers: to_publisher,
             subscriptions: to_receiver,
