@@ -137,6 +137,8 @@ fn cylinder(middle: f32, size: [f64; 3], bottom_scale: f64, shade: [f64; 4]) -> 
 
 #[cfg(test)]
 mod tests {
+    use localize::math;
+
     use super::*;
 
     fn model(forward_deg: f32, flipped: bool) -> RobotModel {
@@ -180,7 +182,7 @@ mod tests {
             let model = model(forward_deg, true);
             for (point, wanted) in [(front, wanted_front), (left, wanted_left)] {
                 let found = project(&model, point);
-                let distance = (found[0] - wanted[0]).hypot(found[1] - wanted[1]);
+                let distance = math::hypot(found[0] - wanted[0], found[1] - wanted[1]);
                 assert!(distance < 1e-3, "{found:?} {wanted:?}");
             }
         }
