@@ -8,7 +8,7 @@ use hw::DeviceEvent;
 use hw::camera::{CapturedImage, Encoding};
 use localize::sample::{Imu as ImuSample, Odometry as WheelSample};
 use localize::{Stamp, math};
-use ros2_client::MessageInfo;
+use ros2_client::{MessageInfo, RmwRequestId};
 
 use super::super::config::Ros2Config;
 use super::super::messages::{Image, Imu, Odometry, PoseWithCovariance, Time, Twist, Vector3};
@@ -16,7 +16,6 @@ use super::super::odometry_frame::PlanarPose;
 use super::command_guard::CommandGuard;
 use super::given_pose::{planar_given, yaw_of};
 use super::shared::{Drive, GivenPose, Shared};
-use super::subscriptions::Incoming;
 
 /// Largest age of a sample's stamp; an older one is of another clock, seconds.
 const STAMP_AGE_MAX: f64 = 1.0;
@@ -24,6 +23,16 @@ const STAMP_AGE_MAX: f64 = 1.0;
 const SPEED_MAX: f64 = 20.0;
 /// Poses of another base that are kept: a second at 1000 Hz.
 const ODOMETRY_BUFFER: usize = 1000;
+
+/// Something received.
+pub(super) enum Incoming {
+    Twist(Twist, MessageInfo),
+    /// By topic, or by a service's request.
+    GivenPose(PoseWithCovariance, Option<RmwRequestId>),
+    Odometry(Box<Odometry>),
+    Imu(Imu),
+    Image(Image),
+}
 
 /// What the receiving thread does with messages.
 pub(super) struct InputHandler {

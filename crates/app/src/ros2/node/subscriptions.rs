@@ -9,18 +9,17 @@ use futures::future::{Either, ready, select};
 use futures::stream::{LocalBoxStream, SelectAll, StreamExt};
 use ros2_client::qos::{Durability, History, Reliability, WhenFull};
 use ros2_client::{
-    Message, MessageInfo, Name, Node, QosProfile, RmwRequestId, Server, ServiceMapping,
-    ServiceTypeName, Subscription,
+    Message, MessageInfo, Name, Node, QosProfile, Server, ServiceMapping, ServiceTypeName,
+    Subscription,
 };
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::super::config::Ros2Config;
 use super::super::messages::{
-    Image, Imu, Odometry, PoseWithCovariance, PoseWithCovarianceStamped, RosType, Twist,
-    TwistStamped,
+    Image, Imu, Odometry, PoseWithCovarianceStamped, RosType, Twist, TwistStamped,
 };
-use super::inputs::InputHandler;
+use super::inputs::{Incoming, InputHandler};
 use super::publish::{topic_name, type_name};
 
 /// Request of robot_localization/SetPose.
@@ -47,16 +46,6 @@ pub(super) struct Subscriptions {
     imu: Option<Subscription<Imu>>,
     image: Option<Subscription<Image>>,
     set_pose: Server<SetPoseRequest, SetPoseResponse>,
-}
-
-/// Something received.
-pub(super) enum Incoming {
-    Twist(Twist, MessageInfo),
-    /// By topic, or by a service's request.
-    GivenPose(PoseWithCovariance, Option<RmwRequestId>),
-    Odometry(Box<Odometry>),
-    Imu(Imu),
-    Image(Image),
 }
 
 fn subscription<M: RosType + 'static>(

@@ -53,6 +53,9 @@ pub const CALIBRATION_TOPIC: &str = "/camera/calibration";
 /// Topic of the images.
 pub const IMAGE_TOPIC: &str = "/camera/image";
 
+/// Name of the camera frame in viewers: x to the image's right, y down, z along the view.
+const CAMERA_FRAME: &str = "camera";
+
 /// Size at which a chunk is closed, bytes. With the last image, chunks of usual cameras stay below 1 MiB.
 const CHUNK_BYTES: u64 = 384 * 1024;
 /// Size at which a chunk is closed on a robot, bytes. Usually a flush ends the chunk earlier.
@@ -125,7 +128,7 @@ impl Topics {
     pub(crate) fn publish_image(&self, image: EncodedImage, stamp: Stamp) {
         let message = CompressedImage {
             timestamp: timestamp(stamp),
-            frame_id: robot_model::CAMERA_FRAME.to_owned(),
+            frame_id: CAMERA_FRAME.to_owned(),
             format: image.compression.name().to_owned(),
             data: image.bytes.into(),
         };

@@ -10,10 +10,7 @@ use localize::{Pose, Stamp};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 
 use super::scene::{ROBOT_FRAME, ROBOT_SIDE, color, robot_transform, upright, vector};
-use super::timestamp;
-
-/// Name of the camera frame in viewers: x to the image's right, y down, z along the view.
-pub(super) const CAMERA_FRAME: &str = "camera";
+use super::{CAMERA_FRAME, timestamp};
 
 // A symbol of the league's robots: the mirror is at its height, the rest is drawn.
 const BODY_HEIGHT: f32 = 0.4;
