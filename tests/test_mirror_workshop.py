@@ -85,17 +85,17 @@ def test_design_says_what_it_assumes_and_what_to_build(tmp_path: Path) -> None:
     text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     for words in ("a pinhole camera", "looks straight up", "flat floor", "focal_px", "pinhole_height_m", "apex_above_ground_m"):
         assert words in text
-    told = json.loads(subprocess.run([*command, "--json"], check=True, capture_output=True, text=True).stdout)
+    printed = json.loads(subprocess.run([*command, "--json"], check=True, capture_output=True, text=True).stdout)
     # A robot built by these numbers alone sees each part's ground where the design says, by the crates' tracer.
-    width, height = map(int, told["camera"]["image_px"].split(" × "))
-    focal, pinhole = told["camera"]["focal_px"], told["camera"]["pinhole_height_m"]
+    width, height = map(int, printed["camera"]["image_px"].split(" × "))
+    focal, pinhole = printed["camera"]["focal_px"], printed["camera"]["pinhole_height_m"]
     camera = Camera(width_px=width, height_px=height, focal_px=focal, pinhole_height_m=pinhole)
     built = Profile.load(tmp_path / "m.csv")
-    assert built.height_m[0] == pytest.approx(told["apex_above_ground_m"], abs=1e-6)
-    assert built.height_m[-1] == pytest.approx(told["rim_above_ground_m"], abs=1e-6)
-    assert 2.0 * built.radius_m[-1] == pytest.approx(told["diameter_m"], abs=1e-6)
+    assert built.height_m[0] == pytest.approx(printed["apex_above_ground_m"], abs=1e-6)
+    assert built.height_m[-1] == pytest.approx(printed["rim_above_ground_m"], abs=1e-6)
+    assert 2.0 * built.radius_m[-1] == pytest.approx(printed["diameter_m"], abs=1e-6)
     seen = 0
-    for part in told["parts"]:
+    for part in printed["parts"]:
         if part["ground_to_m"] is None:
             continue
         u_px = camera.centre_px[0] + focal * (part["until_t"] - 5e-5)

@@ -129,10 +129,47 @@ def test_screenshot_key_writes_png(display: str, log: Path, tmp_path: Path) -> N
             # Keys pressed before the window listens are lost: press until it obeys.
             while not list(tmp_path.glob("mirrorball_*.png")) and time.monotonic() < until:
                 subprocess.run(["xdotool", "mousemove", "640", "10", "key", "ctrl+s"], env=own, check=True)
+                # The dialog asks where; Return accepts its proposal.
+                subprocess.run(["xdotool", "sleep", "0.7", "key", "Return"], env=own, check=True)
                 time.sleep(1.0)
             assert list(tmp_path.glob("mirrorball_*.png")), "Ctrl+S takes a picture"
         finally:
             window.kill()
+
+
+def test_layout_file_of_another_kind_is_refused_in_one_line(log: Path, display: str, tmp_path: Path) -> None:
+    path = tmp_path / "layout.json"
+    path.write_text('{"panels": 3}')
+    done = subprocess.run(
+        [PROGRAM, "view", log, "--layout", path],
+        env=environment(tmp_path, display),
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert len(done.stderr.strip().splitlines()) == 1 and "layout.json" in done.stderr, done.stderr
+
+
+def test_second_log_is_drawn_beside_the_first(log: Path, display: str, tmp_path: Path) -> None:
+    pytest.importorskip("PIL")
+    shots = [tmp_path / "alone.png", tmp_path / "both.png"]
+    for shot, others in zip(shots, ([], ["--with", log]), strict=True):
+        arguments: list[str | Path] = [PROGRAM, "view", log, *others, "--at", "1", "--preset", "place", "--screenshot", shot]
+        done = subprocess.run(
+            arguments,
+            env=environment(tmp_path, display),
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT_S,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+    alone, both = (picture(shot) for shot in shots)
+    # The field, without menu bar and plots: the other run's robot lies on this one, with its name beside it.
+    field = (slice(90, 590), slice(10, 760))
+    assert (alone[field] != both[field]).any(axis=2).sum() > 100
 
 
 def test_closing_the_view_does_not_change_the_run(display: str, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import Counter
 from pathlib import Path
 from typing import Any, TextIO
@@ -23,7 +24,7 @@ def seconds(stamp_ns: int) -> str:
     return f"{sign}{whole // 1_000_000_000}.{whole % 1_000_000_000:09d}"
 
 
-class TableWriter:
+class TableWriter(ABC):
     """Writes the rows of one topic, and counts what it skipped by reason."""
 
     file_name = ""
@@ -53,9 +54,9 @@ class TableWriter:
         self.rows += 1
         self.file.write(f"{seconds(stamp_ns)},{row}\n")
 
+    @abstractmethod
     def row(self, stamp_ns: int, message: Any) -> str | None:
         """The row behind its stamp. None: the message has no row. ValueError: why the message is skipped."""
-        raise NotImplementedError
 
     def finish(self) -> None:
         """Completes the file; one without rows is removed."""

@@ -1,10 +1,11 @@
 //! How are settings changed while the robot plays? A thread builds the pipeline of the new settings, and the run takes it
 //! between two cycles.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail, ensure};
 use pipeline::config::apply_overlay;
@@ -16,6 +17,12 @@ use pipeline::{Pipeline, PipelineConfig};
 
 /// Key of an overlay that returns to the settings of the start, before its other values apply.
 const REVOKE_KEY: &str = "revoke";
+/// Key of an overlay that names who changes the settings.
+pub(crate) const AUTHOR_KEY: &str = "by";
+/// Longest name of an author, characters.
+const AUTHOR_CHARS_MAX: usize = 64;
+/// Changes that the history keeps.
+const HISTORY_MAX: usize = 30;
 /// Changes that are listed in a message.
 const LISTED_CHANGES: usize = 8;
 
@@ -39,9 +46,15 @@ pub(crate) struct Tuning {
 /// The stream's side of the tuning; clones share it.
 #[derive(Clone)]
 pub(crate) struct TuningHandle {
-    requests: SyncSender<PipelineConfig>,
+    requests: SyncSender<RequestedChange>,
     shared: Arc<Mutex<TuningState>>,
     key: Option<MacKey>,
+}
+
+/// A change that was accepted and waits for its pipeline.
+struct RequestedChange {
+    config: PipelineConfig,
+    author: Option<String>,
 }
 
 struct TuningState {
@@ -53,6 +66,8 @@ struct TuningState {
     nonce: String,
     /// Result of the last change.
     message: String,
+    /// Changes in use since when, by whom: a line each.
+    history: VecDeque<String>,
     /// Number of changes of anything here.
     revision: u64,
 }
@@ -66,6 +81,8 @@ pub(crate) struct TuningView {
     pub(crate) nonce: String,
     /// Result of the last change.
     pub(crate) message: String,
+    /// Changes with time and author: a line each, the latest last.
+    pub(crate) history: String,
     /// A change needs a seal.
     pub(crate) is_sealed: bool,
 }
@@ -78,17 +95,18 @@ impl Tuning {
             current: config.clone(),
             nonce: random_nonce()?,
             message: String::new(),
+            history: VecDeque::new(),
             revision: 0,
         }));
         // One change at a time.
-        let (requests, received) = sync_channel::<PipelineConfig>(1);
+        let (requests, received) = sync_channel::<RequestedChange>(1);
         let (sender, prepared) = sync_channel(1);
         let state = shared.clone();
         let build = move || {
             hw::realtime::lower_priority();
-            for config in received {
+            for requested in received {
                 let current = lock(&state).current.clone();
-                match prepare(&setup, &current, config) {
+                match prepare(&setup, &current, requested) {
                     Ok(prepared) => {
                         if sender.send(prepared).is_err() {
                             return;
@@ -121,6 +139,11 @@ impl Tuning {
         let prepared = self.prepared.try_recv().ok()?;
         let mut state = lock(&self.desk.shared);
         state.current = prepared.config.clone();
+        let line = format!("{}  {}", utc_now(), prepared.changes);
+        state.history.push_back(line);
+        if state.history.len() > HISTORY_MAX {
+            state.history.pop_front();
+        }
         state.report(format!("changed: {}", prepared.changes));
         drop(state);
         Some(prepared)
@@ -135,6 +158,7 @@ impl TuningHandle {
             config: state.current.clone(),
             nonce: state.nonce.clone(),
             message: state.message.clone(),
+            history: state.history.iter().cloned().collect::<Vec<_>>().join("\n"),
             is_sealed: self.key.is_some(),
         }
     }
@@ -176,6 +200,11 @@ impl TuningHandle {
             state.nonce = random_nonce()?;
         }
         let mut overlay: toml::Table = overlay.parse().context("invalid TOML")?;
+        let author = match overlay.remove(AUTHOR_KEY) {
+            Some(toml::Value::String(name)) => Some(printable(&name)),
+            Some(_) => bail!("{AUTHOR_KEY}: expected a name"),
+            None => None,
+        };
         let base = match overlay.remove(REVOKE_KEY) {
             Some(toml::Value::Boolean(true)) => &state.initial,
             Some(_) => bail!("{REVOKE_KEY}: expected true"),
@@ -186,7 +215,7 @@ impl TuningHandle {
             config.team.number == state.current.team.number,
             "team.number cannot change while the robot plays"
         );
-        let sent = self.requests.try_send(config);
+        let sent = self.requests.try_send(RequestedChange { config, author });
         sent.ok().context("another change is on its way. Try again")
     }
 }
@@ -239,9 +268,12 @@ fn random_nonce() -> Result<String> {
 fn prepare(
     setup: &Setup,
     current: &PipelineConfig,
-    config: PipelineConfig,
+    RequestedChange { config, author }: RequestedChange,
 ) -> Result<PreparedPipeline> {
-    let changes = describe_changes(current, &config)?;
+    let mut changes = describe_changes(current, &config)?;
+    if let Some(author) = author {
+        changes += &format!(" (by {author})");
+    }
     let pipeline = Pipeline::new(setup, &config)?;
     Ok(PreparedPipeline {
         pipeline,
@@ -251,8 +283,26 @@ fn prepare(
     })
 }
 
+/// The printable part of a name, for lists and logs.
+fn printable(name: &str) -> String {
+    let shown = name.chars().filter(|letter| !letter.is_control());
+    shown.take(AUTHOR_CHARS_MAX).collect()
+}
+
+/// Wall-clock time of day (UTC): hours, minutes, seconds.
+fn utc_now() -> String {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    let seconds = since.map_or(0, |since| since.as_secs()) % 86_400;
+    format!(
+        "{:02}:{:02}:{:02} UTC",
+        seconds / 3600,
+        seconds / 60 % 60,
+        seconds % 60
+    )
+}
+
 /// The changed settings: `vision.scan.range_max 9 → 7`.
-fn describe_changes(before: &PipelineConfig, after: &PipelineConfig) -> Result<String> {
+pub(crate) fn describe_changes(before: &PipelineConfig, after: &PipelineConfig) -> Result<String> {
     let [before, after] = [before, after].map(PipelineConfig::to_table);
     let [before, after] = [flatten(&before?), flatten(&after?)];
     let names: std::collections::BTreeSet<&String> = before.keys().chain(after.keys()).collect();
@@ -314,6 +364,7 @@ mod tests {
                 current: PipelineConfig::default(),
                 nonce: random_nonce().expect("random"),
                 message: String::new(),
+                history: VecDeque::new(),
                 revision: 0,
             })),
             key: Some(MacKey::new("a shared phrase").expect("a key")),
@@ -333,7 +384,7 @@ mod tests {
         assert!(desk.request(overlay, Some(&good)).is_ok());
         assert!(desk.request(overlay, Some(&good)).is_err(), "a replay");
         let config = received.try_recv().expect("a change");
-        assert_eq!(config.vision.scan.range_max, 7.0);
+        assert_eq!(config.config.vision.scan.range_max, 7.0);
         // A sealed change that is invalid is rejected with its reason.
         let invalid = "vision.scan.range_max = -1.0";
         let sealed = seal("a shared phrase", &desk.view().nonce, invalid).expect("sealed");

@@ -11,7 +11,7 @@ use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
 
 use super::messages::{StreamEvent, StreamMessages, TextAnswer};
-use super::parameters::{MESSAGE, NONCE, OVERLAY, SEAL};
+use super::parameters::{HISTORY, MESSAGE, NONCE, OVERLAY, SEAL};
 
 /// The version of Foxglove's WebSocket protocol that the server uses.
 const SUBPROTOCOL: &str = "foxglove.sdk.v1";
@@ -72,7 +72,7 @@ impl StreamClient {
         for op in ["subscribeParameterUpdates", "getParameters"] {
             self.send_json(&serde_json::json!({
                 "op": op,
-                "parameterNames": [NONCE, MESSAGE],
+                "parameterNames": [NONCE, MESSAGE, HISTORY],
                 "id": "settings",
             }))?;
         }

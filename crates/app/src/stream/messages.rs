@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use prost::Message as _;
 use serde::{Deserialize, Serialize};
 
-use super::parameters::{MESSAGE, NONCE};
+use super::parameters::{HISTORY, MESSAGE, NONCE};
 use pipeline::log::read::{CycleAssembler, TopicKind};
 use pipeline::log::schema::{ABOUT_TOPIC, CYCLE_TOPIC, IMAGE_TOPIC, wire};
 use pipeline::log::{Header, LoggedCycle};
@@ -30,7 +30,7 @@ pub enum StreamEvent {
     Header(Box<Header>),
     /// A cycle, with its encoded image if the stream carries images.
     Cycle(Box<LoggedCycle>),
-    /// Texts about the settings by their names (`NONCE`, `MESSAGE` of `parameters`).
+    /// Texts about the settings by their names (`NONCE`, `MESSAGE`, `HISTORY` of `parameters`).
     Settings(BTreeMap<String, String>),
 }
 
@@ -93,7 +93,7 @@ impl StreamMessages {
             serde_json::from_str(text).context("not a message of Foxglove's protocol")?;
         if message.op == "parameterValues" {
             let texts = message.parameters.into_iter().filter_map(|parameter| {
-                let known = [NONCE, MESSAGE].contains(&parameter.name.as_str());
+                let known = [NONCE, MESSAGE, HISTORY].contains(&parameter.name.as_str());
                 let text = parameter.value.as_str().filter(|_| known)?.to_owned();
                 Some((parameter.name, text))
             });

@@ -21,5 +21,5 @@ pub(crate) use config::StreamConfig;
 pub use guard_check::check_client_bytes;
 pub use messages::{StreamEvent, StreamMessages, TextAnswer};
 #[cfg(any(test, feature = "view"))]
-pub(crate) use parameters::{MESSAGE, NONCE};
+pub(crate) use parameters::{HISTORY, MESSAGE, NONCE};
 pub(crate) use server::{StreamPreamble, StreamServer};

@@ -11,7 +11,9 @@ use crate::run::tuning::{TuningHandle, flatten};
 pub(crate) const NONCE: &str = "tuning.nonce";
 /// Result of the last change.
 pub(crate) const MESSAGE: &str = "tuning.message";
-/// Changes (TOML), all at once. `revoke = true` returns to the settings of the start first.
+/// Changes so far, with time and author: a line each.
+pub(crate) const HISTORY: &str = "tuning.history";
+/// Changes (TOML), all at once. `by = "NAME"` names the author. `revoke = true` returns to the settings of the start first.
 pub(super) const OVERLAY: &str = "tuning.overlay";
 /// The overlay's seal under the key.
 pub(super) const SEAL: &str = "tuning.seal";
@@ -46,7 +48,8 @@ impl ParameterHandler for SettingsHandler {
         let _reported = request_change(&self.0, parameters);
         let mut answer = all_parameters(&self.0);
         answer.retain(|parameter| {
-            [NONCE, MESSAGE].contains(&parameter.name.as_str()) || names.contains(&parameter.name)
+            [NONCE, MESSAGE, HISTORY].contains(&parameter.name.as_str())
+                || names.contains(&parameter.name)
         });
         responder.respond(answer);
     }
@@ -60,7 +63,7 @@ fn request_change(desk: &TuningHandle, parameters: Vec<Parameter>) -> anyhow::Re
             (OVERLAY, Some(ParameterValue::String(text))) => overlay += &text,
             (SEAL, Some(ParameterValue::String(text))) => seal = Some(text),
             (REVOKE, Some(ParameterValue::Bool(true))) => overlay += "revoke = true\n",
-            (NONCE | MESSAGE | REVOKE, _) | (_, None) => {}
+            (NONCE | MESSAGE | HISTORY | REVOKE, _) | (_, None) => {}
             (name, Some(value)) => {
                 let is_float = matches!(settings.get(name), Some(toml::Value::Float(_)));
                 if let Some(value) = toml_value(value, is_float) {
@@ -80,7 +83,7 @@ pub(super) fn all_parameters(desk: &TuningHandle) -> Vec<Parameter> {
         r#type: None,
         value: Some(ParameterValue::String(text.to_owned())),
     };
-    let mut parameters = vec![text(MESSAGE, &view.message)];
+    let mut parameters = vec![text(MESSAGE, &view.message), text(HISTORY, &view.history)];
     if view.is_sealed {
         parameters.push(text(NONCE, &view.nonce));
     }

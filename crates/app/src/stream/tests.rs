@@ -131,7 +131,7 @@ fn client_changes_settings_under_the_key() {
     };
     client.request_settings().expect("sent");
     let nonce = texts(&mut client).remove(super::NONCE).expect("a nonce");
-    let overlay = "vision.scan.range_max = 7.0\n";
+    let overlay = "by = \"operator\"\nvision.scan.range_max = 7.0\n";
     client.change_settings(overlay, None).expect("sent");
     while !texts(&mut client)
         .get(super::MESSAGE)
@@ -147,12 +147,21 @@ fn client_changes_settings_under_the_key() {
         assert!(started.elapsed() < TIMEOUT, "no pipeline");
         std::thread::sleep(Duration::from_millis(5));
     };
-    assert_eq!(prepared.changes, "vision.scan.range_max 9 → 7");
+    let changes = "vision.scan.range_max 9 → 7 (by operator)";
+    assert_eq!(prepared.changes, changes);
     assert!(prepared.settings.contains("range_max = 7.0"));
     while !texts(&mut client)
         .get(super::MESSAGE)
         .is_some_and(|text| text.starts_with("changed"))
     {}
+    client.request_settings().expect("sent");
+    let history = texts(&mut client).remove(super::HISTORY);
+    assert!(
+        history
+            .as_ref()
+            .is_some_and(|lines| lines.ends_with(changes)),
+        "{history:?}"
+    );
 }
 
 #[test]

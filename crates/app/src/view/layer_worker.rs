@@ -41,6 +41,20 @@ pub(crate) struct LayerSelection {
     pub(crate) error_landscape: bool,
 }
 
+impl LayerSelection {
+    /// The layers of both.
+    pub(crate) fn union(self, other: Self) -> Self {
+        LayerSelection {
+            classes: self.classes || other.classes,
+            scan_pixels: self.scan_pixels || other.scan_pixels,
+            virtual_sensors: self.virtual_sensors || other.virtual_sensors,
+            birds_eye: self.birds_eye || other.birds_eye,
+            distance_field: self.distance_field || other.distance_field,
+            error_landscape: self.error_landscape || other.error_landscape,
+        }
+    }
+}
+
 /// One cycle to render.
 #[derive(Clone)]
 pub(crate) struct LayerJob {

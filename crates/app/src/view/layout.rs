@@ -4,7 +4,7 @@ use eframe::egui;
 use egui_tiles::{Linear, LinearDir, Tile, TileId, Tiles, Tree};
 use serde::{Deserialize, Serialize};
 
-use super::panels::Pane;
+use super::panels::{Pane, PanelId};
 
 /// Id of the tile tree; egui stores drag state under it.
 const TREE_ID: &str = "panels";
@@ -37,17 +37,20 @@ pub(crate) const LAYOUTS: [(PanelLayout, &str); 6] = [
 ];
 
 /// Builds the tile tree of a layout.
-pub(crate) fn build_tree(layout: PanelLayout) -> Tree<Pane> {
+pub(crate) fn build_tree(layout: PanelLayout) -> Tree<PanelId> {
     let mut tiles = Tiles::default();
     let mut tabs = |panes: &[Pane]| {
-        let panes = panes.iter().map(|pane| tiles.insert_pane(*pane)).collect();
+        let panes = panes
+            .iter()
+            .map(|pane| tiles.insert_pane(PanelId::from(*pane)))
+            .collect();
         tiles.insert_tab_tile(panes)
     };
     let root = match layout {
         PanelLayout::Watch => {
             let (camera, field) = (tabs(&[Pane::Camera]), tabs(&[Pane::Field]));
             let (plots, time) = (
-                tabs(&[Pane::Plots, Pane::Findings, Pane::Health]),
+                tabs(&[Pane::Plots, Pane::Findings, Pane::Details, Pane::Health]),
                 tabs(&[Pane::Timeline]),
             );
             let above = split(&mut tiles, LinearDir::Horizontal, [camera, field], 0.42);
@@ -61,15 +64,15 @@ pub(crate) fn build_tree(layout: PanelLayout) -> Tree<Pane> {
             split(&mut tiles, LinearDir::Horizontal, [left, side], 0.55)
         }
         PanelLayout::Localization => {
-            let (field, time) = (tabs(&[Pane::Field]), tabs(&[Pane::Timeline]));
-            let side = tabs(&[Pane::Plots, Pane::Findings, Pane::Parameters]);
+            let (field, time) = (tabs(&[Pane::Field, Pane::Scene]), tabs(&[Pane::Timeline]));
+            let side = tabs(&[Pane::Plots, Pane::Findings, Pane::Details, Pane::Parameters]);
             let camera = tabs(&[Pane::Camera]);
             let left = split(&mut tiles, LinearDir::Vertical, [field, time], 0.78);
             let right = split(&mut tiles, LinearDir::Vertical, [side, camera], 0.6);
             split(&mut tiles, LinearDir::Horizontal, [left, right], 0.6)
         }
         PanelLayout::Simulate => {
-            let (field, camera) = (tabs(&[Pane::Field]), tabs(&[Pane::Camera]));
+            let (field, camera) = (tabs(&[Pane::Field, Pane::Scene]), tabs(&[Pane::Camera]));
             let controls = tabs(&[Pane::Simulator, Pane::Parameters]);
             let time = tabs(&[Pane::Timeline, Pane::Plots]);
             let left = split(&mut tiles, LinearDir::Vertical, [field, time], 0.75);
@@ -93,8 +96,17 @@ pub(crate) fn build_tree(layout: PanelLayout) -> Tree<Pane> {
     Tree::new(egui::Id::unique(TREE_ID), root, tiles)
 }
 
+/// A tree with one panel.
+#[cfg(test)]
+pub(crate) fn build_single(pane: Pane) -> Tree<PanelId> {
+    let mut tiles = Tiles::default();
+    let tile = tiles.insert_pane(PanelId::from(pane));
+    let root = tiles.insert_tab_tile(vec![tile]);
+    Tree::new(egui::Id::unique(TREE_ID), root, tiles)
+}
+
 fn split(
-    tiles: &mut Tiles<Pane>,
+    tiles: &mut Tiles<PanelId>,
     direction: LinearDir,
     children: [TileId; 2],
     share: f32,
@@ -102,20 +114,34 @@ fn split(
     tiles.insert_container(Linear::new_binary(direction, children, share))
 }
 
-/// True if the tree contains the panel.
-pub(crate) fn contains_pane(tree: &Tree<Pane>, pane: Pane) -> bool {
-    tree.tiles.find_pane(&pane).is_some()
+/// The open panels, in order.
+pub(crate) fn open_panels(tree: &Tree<PanelId>) -> Vec<PanelId> {
+    let tiles = tree.tiles.tiles();
+    let mut open: Vec<PanelId> = tiles
+        .filter_map(|tile| match tile {
+            Tile::Pane(id) => Some(*id),
+            Tile::Container(_) => None,
+        })
+        .collect();
+    open.sort();
+    open
 }
 
-/// Closes a panel, or opens it to the right of all others.
-pub(crate) fn toggle_pane(tree: &mut Tree<Pane>, pane: Pane) {
-    if let Some(tile) = tree.tiles.find_pane(&pane) {
-        tree.remove_recursively(tile);
-        return;
-    }
-    let tile = tree.tiles.insert_pane(pane);
-    let root = tree.root();
-    let Some(root) = root else {
+/// True if the tree contains a panel of the kind.
+pub(crate) fn contains_pane(tree: &Tree<PanelId>, pane: Pane) -> bool {
+    open_panels(tree).iter().any(|id| id.pane == pane)
+}
+
+/// Opens another panel of a kind, to the right of all others.
+pub(crate) fn open_pane(tree: &mut Tree<PanelId>, pane: Pane) {
+    let open = open_panels(tree);
+    let copy = (0..).find(|copy| !open.contains(&PanelId { pane, copy: *copy }));
+    let id = PanelId {
+        pane,
+        copy: copy.unwrap_or_default(),
+    };
+    let tile = tree.tiles.insert_pane(id);
+    let Some(root) = tree.root() else {
         let tabs = tree.tiles.insert_tab_tile(vec![tile]);
         *tree = Tree::new(
             egui::Id::unique(TREE_ID),
@@ -136,6 +162,20 @@ pub(crate) fn toggle_pane(tree: &mut Tree<Pane>, pane: Pane) {
     }
 }
 
+/// Closes all panels of a kind, or opens one.
+pub(crate) fn toggle_pane(tree: &mut Tree<PanelId>, pane: Pane) {
+    if !contains_pane(tree, pane) {
+        return open_pane(tree, pane);
+    }
+    for id in open_panels(tree) {
+        if id.pane == pane
+            && let Some(tile) = tree.tiles.find_pane(&id)
+        {
+            tree.remove_recursively(tile);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -153,6 +193,9 @@ mod tests {
             assert!(!contains_pane(&tree, pane), "{pane:?} is closed");
             toggle_pane(&mut tree, pane);
             assert!(contains_pane(&tree, pane), "{pane:?} is open");
+            open_pane(&mut tree, pane);
+            let copies = open_panels(&tree).into_iter().filter(|id| id.pane == pane);
+            assert_eq!(copies.map(|id| id.copy).collect::<Vec<_>>(), [0, 1]);
         }
     }
 }

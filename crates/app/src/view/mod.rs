@@ -9,11 +9,15 @@ mod birds_eye;
 mod brush;
 pub(crate) mod calibration_job;
 mod calibration_state;
+mod curves;
 mod device_monitor;
+mod file_dialog;
 mod frame_rate;
 mod inverse_ground_map;
 mod layer_worker;
 mod layout;
+mod layout_file;
+mod menu;
 mod palette;
 mod panels;
 mod panzoom;
@@ -21,7 +25,9 @@ mod pixel_info;
 mod report;
 mod robot_folder;
 mod run_findings;
+mod selection;
 mod session;
+mod setting_changes;
 mod settings;
 mod settings_state;
 mod setup_job;
@@ -33,12 +39,14 @@ mod status_message;
 #[cfg(test)]
 mod tests;
 mod time_series;
+mod undo;
 mod window;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 use layout::PanelLayout;
+use layout_file::SavedLayout;
 use session::Session;
 pub(crate) use window::{AfterRun, run_with_window};
 
@@ -50,12 +58,18 @@ pub(crate) use window::{AfterRun, run_with_window};
 pub(crate) struct Args {
     /// A log (.mcap), a recording folder, a scenario (.toml), or host:port of a robot's live stream.
     source: Option<PathBuf>,
+    /// Another log, or another robot's live stream, on the same timeline. Can be repeated.
+    #[arg(long = "with", value_name = "LOG")]
+    beside: Vec<PathBuf>,
     /// Time to show first, seconds.
     #[arg(long, value_name = "SECONDS")]
     at: Option<f64>,
     /// Panel layout at start. Default: the layout of the last session.
     #[arg(long, value_enum)]
     preset: Option<Task>,
+    /// Panel layout at start, from a file that the View menu wrote.
+    #[arg(long, value_name = "FILE.json", conflicts_with = "preset")]
+    layout: Option<PathBuf>,
     /// Write a screenshot of the window, then exit.
     #[arg(long, value_name = "FILE.png")]
     screenshot: Option<PathBuf>,
@@ -94,11 +108,18 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         Some(path) => Session::open(path)?,
         None => Session::default(),
     };
+    for path in &args.beside {
+        session.open_beside(path);
+        if let Some(error) = session.last_error.take() {
+            bail!("{error}");
+        }
+    }
     if let Some(at) = args.at {
         session.seek(at);
     }
     let options = window::WindowOptions {
         layout: args.preset.map(Task::preset),
+        layout_file: args.layout.as_deref().map(SavedLayout::load).transpose()?,
         screenshot: args.screenshot.clone(),
         close_after: args.leave_after,
         ..window::WindowOptions::default()

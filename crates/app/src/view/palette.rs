@@ -74,6 +74,12 @@ pub(crate) fn mode_colour(mode: Mode) -> Color32 {
     }
 }
 
+/// Colour of a run that is shown beside the first one, by its number.
+pub(crate) fn run_colour(number: usize) -> Color32 {
+    const COLOURS: [Color32; 5] = [GREEN, SKY, PURPLE, YELLOW, VERMILION];
+    COLOURS[number % COLOURS.len()]
+}
+
 /// Colour of an action's outcome.
 pub(crate) fn message_colour(message: &StatusMessage) -> Color32 {
     if message.ok { GREEN } else { VERMILION }

@@ -19,9 +19,9 @@ struct PixelColour {
 pub(crate) struct PixelInfo {
     colour: Option<PixelColour>,
     /// Ground point in the robot frame, metres.
-    ground: Option<At<RobotFrame>>,
+    pub(crate) ground: Option<At<RobotFrame>>,
     /// The same point on the field, metres.
-    field: Option<At<FieldFrame>>,
+    pub(crate) field: Option<At<FieldFrame>>,
 }
 
 impl PixelInfo {

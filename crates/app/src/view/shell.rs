@@ -1,28 +1,31 @@
 //! The window's content: menu bar, tiles and shortcuts. Updates the session and submits jobs to the layer worker.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use eframe::egui::{self, Key, Ui};
+use eframe::egui::{self, Ui};
 use egui_tiles::Tree;
+use pipeline::PipelineConfig;
 
-use super::accessibility::AccessibleLabel;
+use super::file_dialog::{Answer, FileDialog, Purpose};
 use super::frame_rate::FrameRateCounter;
 use super::layer_worker::{LayerSelection, LayerWorker};
-use super::layout::{self, LAYOUTS, PanelLayout};
-use super::panels::{PANES, Pane, PaneBehavior, Panels};
+use super::layout::{self, PanelLayout};
+use super::layout_file::SavedLayout;
+use super::panels::{Pane, PaneBehavior, PanelId, Panels};
+use super::report;
 use super::session::Session;
 use super::shortcuts::{self, Action};
 use super::source::Source;
-use super::{palette, report};
+use super::undo::{Edited, UndoHistory};
 
 /// Repaint interval while nothing plays.
 const IDLE_REPAINT_INTERVAL: Duration = Duration::from_millis(100);
 /// Least interval between frames while something plays: 60 frames per second.
 pub(crate) const FRAME_INTERVAL: Duration = Duration::from_millis(16);
-/// Selectable interface scales.
-const SCALES: [f32; 5] = [0.75, 1.0, 1.25, 1.5, 2.0];
+/// Files kept in the list of recent ones.
+const RECENT_FILES_MAX: usize = 12;
 
 /// Where a screenshot goes.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,11 +40,15 @@ pub(crate) enum ScreenshotTarget {
 pub(crate) struct View {
     pub(crate) session: Session,
     pub(crate) panels: Panels,
-    pub(crate) tree: Tree<Pane>,
+    pub(crate) tree: Tree<PanelId>,
     pub(crate) layout: PanelLayout,
     pub(crate) help_open: bool,
-    /// Text of the path field in the File menu.
-    path_input: String,
+    dialog: Option<FileDialog>,
+    /// Logs opened last, the newest first.
+    pub(crate) recent_files: Vec<PathBuf>,
+    history: UndoHistory,
+    /// The settings in use with their text, and the session's revision of which they are.
+    config_text: Option<(u64, Arc<(PipelineConfig, String)>)>,
     layer_worker: Option<LayerWorker>,
     /// Start of the last frame; also read by the repaint callback.
     last_frame_start: Arc<Mutex<Option<Instant>>>,
@@ -62,7 +69,10 @@ impl View {
             tree: layout::build_tree(layout),
             layout,
             help_open: false,
-            path_input: String::new(),
+            dialog: None,
+            recent_files: Vec::new(),
+            history: UndoHistory::default(),
+            config_text: None,
             layer_worker: None,
             last_frame_start: Arc::default(),
             frame_rate: FrameRateCounter::default(),
@@ -73,19 +83,23 @@ impl View {
     }
 
     /// Rearranges the panels.
-    fn set_layout(&mut self, layout: PanelLayout) {
+    pub(crate) fn set_layout(&mut self, layout: PanelLayout) {
         self.layout = layout;
         self.tree = layout::build_tree(layout);
     }
 
     /// Opens another source.
-    pub(crate) fn open(&mut self, path: &std::path::Path, ctx: &egui::Context) {
+    pub(crate) fn open(&mut self, path: &Path, ctx: &egui::Context) {
         match Session::open(path) {
             Ok(session) => {
                 // What the user has labelled outlives the source.
                 let calibration = std::mem::take(&mut self.session.calibration);
                 self.session = session;
                 self.session.calibration = calibration;
+                self.history = UndoHistory::default();
+                if path.exists() {
+                    self.remember_file(path);
+                }
                 self.repaint_on_cycle(ctx);
             }
             Err(error) => self.session.last_error = Some(format!("{error:#}")),
@@ -137,6 +151,10 @@ impl View {
             self.open(&path, &ui.ctx().clone());
         }
         shortcuts::show_shortcut_list(ui.ctx(), &mut self.help_open);
+        let ctx = ui.ctx().clone();
+        self.show_dialog(&ctx);
+        self.take_dropped_files(&ctx);
+        self.record_edits(&ctx);
         self.write_screenshots();
         let live = matches!(self.session.source, Source::Live(_));
         let plays = self.session.playback.playing && !live;
@@ -152,8 +170,18 @@ impl View {
         let session = &mut self.session;
         let camera = &mut self.panels.camera;
         match action {
-            Action::SaveScreenshot => self.save_screenshot(ctx),
-            Action::SaveReport => self.save_report(ctx),
+            Action::SaveScreenshot => self.ask(Purpose::SaveScreenshot),
+            Action::SaveReport => self.ask(Purpose::SaveReport),
+            Action::Open => self.ask(Purpose::Open),
+            Action::OpenBeside => self.ask(Purpose::OpenBeside),
+            Action::Undo => {
+                let edited = self.history.undo();
+                self.restore_edit(edited);
+            }
+            Action::Redo => {
+                let edited = self.history.redo();
+                self.restore_edit(edited);
+            }
             Action::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
             Action::ToggleHelp => self.help_open = !self.help_open,
             Action::TogglePlayback => session.toggle_playback(),
@@ -187,10 +215,7 @@ impl View {
 
     /// Submits the visible layers to the layer worker, and takes its results.
     fn update_layers(&mut self, ctx: &egui::Context) {
-        let (camera, field) = (
-            self.panels.camera.layer_selection(),
-            self.panels.field.layer_selection(),
-        );
+        let (camera, field) = self.panels.layer_selections();
         let camera_visible = layout::contains_pane(&self.tree, Pane::Camera);
         let selection = LayerSelection {
             classes: camera.classes && camera_visible,
@@ -220,108 +245,123 @@ impl View {
         }
     }
 
-    fn menu_bar(&mut self, ui: &mut Ui) {
-        ui.horizontal_wrapped(|ui| {
-            ui.menu_button("File", |ui| self.file_menu(ui));
-            ui.menu_button("View", |ui| self.view_menu(ui));
-            for (layout, name) in LAYOUTS {
-                if ui.selectable_label(self.layout == layout, name).clicked() {
-                    self.set_layout(layout);
+    /// Asks for a path for a purpose.
+    pub(crate) fn ask(&mut self, purpose: Purpose) {
+        let time = self.session.playback.time;
+        let proposed = match purpose {
+            Purpose::Open | Purpose::OpenBeside => {
+                let last = self.recent_files.first().and_then(|path| path.parent());
+                last.map_or(String::new(), |folder| {
+                    folder.join("").display().to_string()
+                })
+            }
+            Purpose::SaveScreenshot => format!("mirrorball_{time:.3}s.png"),
+            Purpose::SaveReport => format!("mirrorball_report_{time:.3}s"),
+            Purpose::LoadLayout | Purpose::SaveLayout => "layout.json".to_owned(),
+        };
+        self.dialog = Some(FileDialog::new(purpose, &proposed));
+    }
+
+    /// Shows the open dialog, and does what was asked for.
+    fn show_dialog(&mut self, ctx: &egui::Context) {
+        let answer = match &mut self.dialog {
+            Some(dialog) => dialog.show(ctx),
+            None => return,
+        };
+        let (purpose, path) = match answer {
+            Answer::Open => return,
+            Answer::Cancelled => {
+                self.dialog = None;
+                return;
+            }
+            Answer::Chosen(purpose, path) => (purpose, path),
+        };
+        self.dialog = None;
+        match purpose {
+            Purpose::Open => self.open(&path, ctx),
+            Purpose::OpenBeside => self.session.open_beside(&path),
+            Purpose::SaveScreenshot => {
+                self.request_screenshot(ctx, ScreenshotTarget::File(path));
+            }
+            Purpose::SaveReport => self.request_screenshot(ctx, ScreenshotTarget::Report(path)),
+            Purpose::LoadLayout => match SavedLayout::load(&path) {
+                Ok(saved) => self.restore_layout(saved),
+                Err(error) => self.session.last_error = Some(format!("{error:#}")),
+            },
+            Purpose::SaveLayout => {
+                let saved = SavedLayout::of(self.layout, &self.tree, &self.panels);
+                match saved.save(&path) {
+                    Ok(()) => self.status_message = Some(format!("wrote {}", path.display())),
+                    Err(error) => self.session.last_error = Some(format!("{error:#}")),
                 }
             }
-            if ui.button("?").on_hover_text("Shortcuts").clicked() {
-                self.help_open = !self.help_open;
+        }
+    }
+
+    /// Shows a saved layout.
+    pub(crate) fn restore_layout(&mut self, saved: SavedLayout) {
+        (self.layout, self.tree) = saved.restore(&mut self.panels);
+    }
+
+    /// Puts a file at the head of the recent ones.
+    pub(crate) fn remember_file(&mut self, path: &Path) {
+        let path = std::path::absolute(path).unwrap_or(path.to_owned());
+        self.recent_files.retain(|known| *known != path);
+        self.recent_files.insert(0, path);
+        self.recent_files.truncate(RECENT_FILES_MAX);
+    }
+
+    /// Opens dropped files: the first one instead of the run, further ones beside it.
+    fn take_dropped_files(&mut self, ctx: &egui::Context) {
+        let (dropped, shifted) =
+            ctx.input(|input| (input.raw.dropped_files.clone(), input.modifiers.shift));
+        for (number, file) in dropped.into_iter().enumerate() {
+            let path = file.path().to_owned();
+            if number == 0 && !shifted {
+                self.open(&path, ctx);
+            } else {
+                self.session.open_beside(&path);
             }
-            ui.separator();
-            ui.label(&self.session.title);
-            if let Some(now) = &self.session.shown {
-                let mode = now.cycle.estimate.mode;
-                let text = pipeline::log::mode_and_reason(&now.cycle.estimate);
-                ui.colored_label(palette::mode_colour(mode), text);
-            }
-            ui.weak(format!(
-                "{:.0} frames/s",
-                self.frame_rate.frames_per_second()
-            ));
-            if let Some(message) = &self.status_message {
-                ui.weak(message);
-            }
-            if let Some(error) = &self.session.last_error {
-                ui.colored_label(palette::VERMILION, error);
-            }
+        }
+    }
+
+    /// Records an edit once the pointer is released and no text is being typed.
+    fn record_edits(&mut self, ctx: &egui::Context) {
+        if ctx.input(|input| input.pointer.any_down()) || ctx.egui_wants_keyboard_input() {
+            return;
+        }
+        let revision = self.session.revision;
+        let known = self.config_text.take().filter(|(of, _)| *of == revision);
+        let (_, config) = self.config_text.insert(known.unwrap_or_else(|| {
+            let config = self.session.settings.config().clone();
+            let text = toml::to_string(&config).unwrap_or_default();
+            (revision, Arc::new((config, text)))
+        }));
+        self.history.record(Edited {
+            config: config.clone(),
+            marks: self.session.marks.clone(),
+            plots: self.panels.plots.clone(),
+            layout: self.layout,
+            tree: self.tree.clone(),
         });
     }
 
-    fn file_menu(&mut self, ui: &mut Ui) {
-        ui.label("A log (.mcap) or a scenario (.toml):");
-        ui.horizontal(|ui| {
-            let line = egui::TextEdit::singleline(&mut self.path_input).desired_width(260.0);
-            let entered = ui
-                .add(line)
-                .with_accessible_label("Log or scenario")
-                .lost_focus()
-                && ui.input(|i| i.key_pressed(Key::Enter));
-            if ui.button("Open").clicked() || entered {
-                let path = PathBuf::from(self.path_input.trim());
-                self.open(&path, &ui.ctx().clone());
-                ui.close();
-            }
-        });
-        ui.separator();
-        if ui.button("Screenshot (Ctrl+S)").clicked() {
-            self.save_screenshot(ui.ctx());
-            ui.close();
+    /// Restores a state of the history.
+    fn restore_edit(&mut self, edited: Option<Edited>) {
+        let Some(edited) = edited else {
+            self.status_message = Some("nothing to undo or redo".to_owned());
+            return;
+        };
+        if self
+            .config_text
+            .as_ref()
+            .is_none_or(|(_, now)| now.1 != edited.config.1)
+        {
+            self.session.apply_config(edited.config.0.clone());
         }
-        if ui.button("Report (Ctrl+R)").clicked() {
-            self.save_report(ui.ctx());
-            ui.close();
-        }
-        if ui.button("Quit").clicked() {
-            ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
-        }
-    }
-
-    fn view_menu(&mut self, ui: &mut Ui) {
-        ui.strong("Panels");
-        for pane in PANES {
-            let mut shown = layout::contains_pane(&self.tree, pane);
-            if ui.checkbox(&mut shown, pane.title()).changed() {
-                layout::toggle_pane(&mut self.tree, pane);
-            }
-        }
-        ui.separator();
-        ui.strong("Theme");
-        let mut theme = ui.ctx().options(|options| options.theme_preference);
-        for (choice, name) in [
-            (egui::ThemePreference::Dark, "Dark"),
-            (egui::ThemePreference::Light, "Light"),
-            (egui::ThemePreference::System, "System"),
-        ] {
-            if ui.selectable_value(&mut theme, choice, name).clicked() {
-                ui.ctx().set_theme(choice);
-            }
-        }
-        ui.separator();
-        ui.strong("Scale");
-        let scale = ui.ctx().zoom_factor();
-        for choice in SCALES {
-            let name = format!("{:.0} %", 100.0 * choice);
-            if ui.selectable_label(scale == choice, name).clicked() {
-                ui.ctx().set_zoom_factor(choice);
-            }
-        }
-    }
-
-    /// Saves a screenshot in the working directory.
-    fn save_screenshot(&mut self, ctx: &egui::Context) {
-        let name = format!("mirrorball_{:.3}s.png", self.session.playback.time);
-        self.request_screenshot(ctx, ScreenshotTarget::File(name.into()));
-    }
-
-    /// Saves a report in the working directory.
-    fn save_report(&mut self, ctx: &egui::Context) {
-        let name = format!("mirrorball_report_{:.3}s", self.session.playback.time);
-        self.request_screenshot(ctx, ScreenshotTarget::Report(name.into()));
+        self.session.marks = edited.marks;
+        self.panels.plots = edited.plots;
+        (self.layout, self.tree) = (edited.layout, edited.tree);
     }
 
     /// Requests a screenshot; egui delivers it with the next frame.

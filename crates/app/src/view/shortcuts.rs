@@ -8,7 +8,7 @@ use super::layout::{LAYOUTS, PanelLayout};
 const SEEK_STEP: f64 = 1.0;
 
 /// Rows of the window that `?` opens: keys and their effect.
-const SHORTCUTS: [(&str, &str); 18] = [
+const SHORTCUTS: [(&str, &str); 20] = [
     ("Space", "play or pause"),
     ("Left, Right", "previous or next cycle"),
     ("Shift+Left, Shift+Right", "one second back or forward"),
@@ -26,8 +26,13 @@ const SHORTCUTS: [(&str, &str); 18] = [
         "Ctrl +, Ctrl -, Ctrl 0",
         "larger, smaller or normal interface scale",
     ),
-    ("Ctrl+S", "save a screenshot in the working directory"),
-    ("Ctrl+R", "save a report in the working directory"),
+    (
+        "Ctrl+O, Ctrl+Shift+O",
+        "open a run, or another one beside it",
+    ),
+    ("Ctrl+Z, Ctrl+Y", "undo or redo an edit"),
+    ("Ctrl+S", "save a screenshot"),
+    ("Ctrl+R", "save a report"),
     ("Ctrl+Q", "close the window"),
     ("? or F1", "show this list"),
 ];
@@ -39,6 +44,14 @@ pub(crate) enum Action {
     SaveScreenshot,
     /// Save a report.
     SaveReport,
+    /// Open a run.
+    Open,
+    /// Open another run beside the shown one.
+    OpenBeside,
+    /// Undo the last edit.
+    Undo,
+    /// Redo the edit that was undone last.
+    Redo,
     /// Close the window.
     Quit,
     /// Open or close the list of shortcuts.
@@ -77,7 +90,19 @@ pub(crate) enum Action {
 pub(crate) fn pressed_actions(ctx: &egui::Context) -> Vec<Action> {
     let command = |key| ctx.input_mut(|input| input.consume_shortcut(&command_shortcut(key)));
     let mut actions = Vec::new();
+    let shifted_command = |key| {
+        let modifiers = Modifiers::COMMAND | Modifiers::SHIFT;
+        let shortcut = KeyboardShortcut::new(modifiers, key);
+        ctx.input_mut(|input| input.consume_shortcut(&shortcut))
+    };
+    // With Shift before without, which would match too.
+    for (key, action) in [(Key::O, Action::OpenBeside), (Key::Z, Action::Redo)] {
+        if shifted_command(key) {
+            actions.push(action);
+        }
+    }
     for (key, action) in [
+        (Key::O, Action::Open),
         (Key::S, Action::SaveScreenshot),
         (Key::R, Action::SaveReport),
         (Key::Q, Action::Quit),
@@ -88,6 +113,12 @@ pub(crate) fn pressed_actions(ctx: &egui::Context) -> Vec<Action> {
     }
     if ctx.egui_wants_keyboard_input() {
         return actions;
+    }
+    // A text field has an undo of its own.
+    for (key, action) in [(Key::Z, Action::Undo), (Key::Y, Action::Redo)] {
+        if command(key) {
+            actions.push(action);
+        }
     }
     // The question mark needs Shift on some keyboards only, so any modifiers are accepted.
     let question_mark = ctx.input(|input| input.key_pressed(Key::Questionmark));

@@ -93,6 +93,11 @@ impl TimeSeries {
         &self.samples
     }
 
+    /// Cycles per stored sample.
+    pub(crate) fn stride(&self) -> usize {
+        self.stride.max(1)
+    }
+
     /// The samples of an interval, with one more on each side if there is one.
     pub(crate) fn between(&self, from: f64, to: f64) -> &[CycleMetrics] {
         let start = self.samples.partition_point(|sample| sample.time < from);
@@ -135,6 +140,14 @@ impl TimeSeries {
             });
             self.stride = 2 * self.stride.max(1);
         }
+    }
+
+    /// Moves all samples in time, seconds.
+    pub(crate) fn shift(&mut self, seconds: f64) {
+        for sample in &mut self.samples {
+            sample.time += seconds;
+        }
+        self.last_time = self.last_time.map(|last| last + seconds);
     }
 
     /// Sample rates of camera, wheels, compass and IMU over the last `seconds` before `time`, Hz.

@@ -7,12 +7,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, bail};
 use eframe::egui;
-use egui_tiles::Tree;
 use serde::{Deserialize, Serialize};
 
 use super::layout::PanelLayout;
-use super::panels::camera_layers::CameraLayers;
-use super::panels::{Pane, field, plots};
+use super::layout_file::SavedLayout;
 use super::session::Session;
 use super::shell::{ScreenshotTarget, View};
 use super::source::inbox::{CycleInbox, forward_feed};
@@ -33,10 +31,12 @@ const NICE: i32 = 10;
 const SCREENSHOT_DELAY_FRAMES: u32 = 12;
 
 /// Options of the window, from the command line.
-#[derive(Debug, Clone, Default)]
+#[derive(Clone, Default)]
 pub(crate) struct WindowOptions {
     /// Overrides the saved layout.
     pub(crate) layout: Option<PanelLayout>,
+    /// Overrides the saved layout and what its panels show.
+    pub(crate) layout_file: Option<SavedLayout>,
     /// Write a screenshot here, then close.
     pub(crate) screenshot: Option<PathBuf>,
     /// Close after this many seconds.
@@ -61,11 +61,8 @@ pub(crate) struct Outcome {
 /// State saved between sessions.
 #[derive(Serialize, Deserialize)]
 struct SavedState {
-    layout: PanelLayout,
-    tree: Tree<Pane>,
-    camera: CameraLayers,
-    field: field::FieldLayers,
-    plots: plots::PlotsPanel,
+    layout: SavedLayout,
+    recent_files: Vec<PathBuf>,
 }
 
 /// Fails if no display is configured.
@@ -132,19 +129,21 @@ pub(crate) fn run_window(session: Session, options: WindowOptions) -> Result<Out
 
 fn restore_state(view: &mut View, storage: Option<&dyn eframe::Storage>, options: &WindowOptions) {
     // A screenshot must depend on its command line only, not on saved state.
-    if options.screenshot.is_some() {
-        return;
-    }
+    let storage = storage.filter(|_| options.screenshot.is_none());
     let saved = storage.and_then(|storage| eframe::get_value::<SavedState>(storage, STORAGE_KEY));
-    let Some(saved) = saved else {
-        return;
-    };
-    if options.layout.is_none() {
-        (view.layout, view.tree) = (saved.layout, saved.tree);
+    if let Some(saved) = saved {
+        view.recent_files = saved.recent_files;
+        let (layout, tree) = saved.layout.restore(&mut view.panels);
+        if options.layout.is_none() {
+            (view.layout, view.tree) = (layout, tree);
+        }
     }
-    view.panels.camera.layers = saved.camera;
-    view.panels.field.layers = saved.field;
-    view.panels.plots = saved.plots;
+    if let Some(file) = &options.layout_file {
+        view.restore_layout(file.clone());
+    }
+    if let Some(path) = view.session.log_path() {
+        view.remember_file(&path);
+    }
 }
 
 struct ViewerApp {
@@ -190,12 +189,10 @@ impl eframe::App for ViewerApp {
         if self.options.screenshot.is_some() {
             return;
         }
+        let view = &self.view;
         let saved = SavedState {
-            layout: self.view.layout,
-            tree: self.view.tree.clone(),
-            camera: self.view.panels.camera.layers,
-            field: self.view.panels.field.layers,
-            plots: self.view.panels.plots.clone(),
+            layout: SavedLayout::of(view.layout, &view.tree, &view.panels),
+            recent_files: view.recent_files.clone(),
         };
         eframe::set_value(storage, STORAGE_KEY, &saved);
     }
@@ -255,7 +252,7 @@ pub(crate) fn run_with_window(
             })?;
         let live = LiveSource::new(inbox, None).with_guard(guard, None);
         let session = Session::from_live(name.to_owned(), live, setup, config);
-        if let Err(error) = run_window(session, options) {
+        if let Err(error) = session.and_then(|session| run_window(session, options)) {
             eprintln!("mirrorball: {error:#}. The run continues without a window");
         }
         driver

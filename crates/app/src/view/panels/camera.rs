@@ -22,6 +22,12 @@ use crate::view::source::decoded_cycle::rgb_image;
 use crate::view::static_scene::StaticScene;
 use pipeline::Cycle;
 
+/// Largest distance of a click from the object that it selects, points.
+const SELECT_RADIUS: f32 = 10.0;
+/// The same on the ground, metres.
+const SELECT_RADIUS_MIN: f32 = 0.05;
+const SELECT_RADIUS_MAX: f32 = 0.5;
+
 /// State of the panel.
 #[derive(Default)]
 pub(crate) struct CameraPanel {
@@ -140,6 +146,7 @@ impl CameraPanel {
                     .as_deref()
                     .map_or(&[], Vec::as_slice),
             };
+            canvas.draw_selection(session.selection, self.birds_eye);
             if self.birds_eye {
                 camera_drawing::draw_birds_eye_overlay(&canvas);
             } else {
@@ -172,10 +179,30 @@ impl CameraPanel {
                 PixelInfo::of_image(session, image.as_deref(), at.x, at.y)
             };
             ui.add(egui::Label::new(RichText::new(info.text()).small()).wrap());
+            session.pointed_ground = info.ground;
         } else {
             ui.weak(
                 "Point at a pixel to inspect it. Scroll zooms, drag pans, double-click resets.",
             );
+        }
+        let clicked = pointer.filter(|_| response.clicked() && !painting);
+        let selected = clicked.and_then(|pointer| {
+            let at = transform.to_picture(pointer);
+            let beside = at + Vec2::new(SELECT_RADIUS / transform.scale, 0.0);
+            let [place, beside] = [at, beside].map(|at| {
+                if self.birds_eye {
+                    PixelInfo::of_birds_eye(session, at.x, at.y).field
+                } else {
+                    PixelInfo::of_image(session, None, at.x, at.y).field
+                }
+            });
+            let place = place?;
+            // The ground that a click covers grows with the distance.
+            let radius = beside.map_or(SELECT_RADIUS_MIN, |beside| place.distance_to(beside));
+            Some((place, radius.clamp(SELECT_RADIUS_MIN, SELECT_RADIUS_MAX)))
+        });
+        if let Some((place, radius)) = selected {
+            session.select_at(place, radius);
         }
         if let Some((pointer, (stamp, image))) = stroke {
             let at = transform.to_picture(pointer);

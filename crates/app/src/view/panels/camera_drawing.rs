@@ -12,9 +12,11 @@ use vision::lines::detection::RejectionReason;
 use vision::objects::goals::GoalKind;
 
 use super::camera_layers::CameraLayers;
+use super::field_marks::draw_selection;
 use crate::view::birds_eye::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
+use crate::view::selection::Selection;
 use crate::view::static_scene::{StaticScene, View};
 use pipeline::Cycle;
 
@@ -51,6 +53,32 @@ impl CameraCanvas<'_> {
         let camera = self.scene.camera.as_ref()?;
         let pixel = camera.project(at, self.cycle.estimate.tilt, None)?;
         Some(self.to_screen(pixel))
+    }
+
+    /// Rings the selected object.
+    pub(crate) fn draw_selection(&self, selection: Option<Selection>, birds_eye: bool) {
+        let place = selection.and_then(|selection| selection.place(self.cycle));
+        let Some((place, pose)) = place.zip(self.cycle.estimate.pose) else {
+            return;
+        };
+        let on_robot = pose.inverse() * place;
+        let at = if birds_eye {
+            Some(self.birds_eye_to_screen(on_robot))
+        } else {
+            self.project_to_screen(on_robot)
+        };
+        if let Some(at) = at {
+            draw_selection(self.painter, at);
+        }
+    }
+
+    /// Screen position of a ground point in the bird's-eye view.
+    fn birds_eye_to_screen(&self, at: At<RobotFrame>) -> Pos2 {
+        let per_metre = BIRDS_EYE_SIDE_PX as f32 / (2.0 * BIRDS_EYE_HALF_EXTENT);
+        self.transform.to_screen(
+            (BIRDS_EYE_HALF_EXTENT - at.y) * per_metre,
+            (BIRDS_EYE_HALF_EXTENT - at.x) * per_metre,
+        )
     }
 
     fn draw_plus(&self, at: Pos2, arm: f32, colour: Color32) {
@@ -193,12 +221,7 @@ fn objects(canvas: &CameraCanvas<'_>) {
 /// Draws the marks over the bird's-eye view.
 pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
     let per_metre = BIRDS_EYE_SIDE_PX as f32 / (2.0 * BIRDS_EYE_HALF_EXTENT);
-    let to_screen = |at: At<RobotFrame>| {
-        canvas.transform.to_screen(
-            (BIRDS_EYE_HALF_EXTENT - at.y) * per_metre,
-            (BIRDS_EYE_HALF_EXTENT - at.x) * per_metre,
-        )
-    };
+    let to_screen = |at: At<RobotFrame>| canvas.birds_eye_to_screen(at);
     let layers = canvas.layers;
     let scale = per_metre * canvas.transform.scale;
     if layers.grid {

@@ -3,26 +3,24 @@
 use std::sync::Arc;
 
 use eframe::egui::{
-    self, Align2, Color32, ColorImage, FontId, Pos2, Rect, Response, Sense, Stroke, TextureHandle,
+    self, Align2, Color32, ColorImage, FontId, Pos2, Rect, Sense, Stroke, TextureHandle,
     TextureOptions, Ui, Vec2,
 };
-use localize::frames::FieldFrame;
 use localize::{At, Pose};
 use serde::{Deserialize, Serialize};
 
+use super::field_drag::FieldDrag;
 use super::field_drawing::{self as drawing, FieldTransform};
+use super::field_marks;
 use crate::view::layer_worker::LayerSelection;
 use crate::view::palette;
 use crate::view::panzoom::{PanZoom, fill_around};
 use crate::view::session::Session;
-use crate::view::source::sim_worker::SourceRequest;
 use crate::view::static_scene::StaticScene;
 use pipeline::Cycle;
 
-/// Least pick radius of the pointer, points.
-const PICK_RADIUS: f32 = 18.0;
-/// Rotation of a dragged robot, degrees per scrolled point.
-const TURN_DEG_PER_SCROLL_POINT: f32 = 0.5;
+/// Largest distance of a click from the object that it selects, points.
+const SELECT_RADIUS: f32 = 12.0;
 
 /// Background of the field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -70,24 +68,13 @@ impl Default for FieldLayers {
     }
 }
 
-/// The object that the pointer drags.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum DraggedObject {
-    Robot(Pose),
-    Ball,
-    OtherRobot(usize),
-}
-
 /// State of the panel.
 #[derive(Default)]
 pub(crate) struct FieldPanel {
     /// Visible layers.
     pub(crate) layers: FieldLayers,
     pan_zoom: PanZoom,
-    dragged: Option<DraggedObject>,
-    measuring: bool,
-    /// Start and end of the measured distance.
-    measurement: Option<[At<FieldFrame>; 2]>,
+    drag: FieldDrag,
     layer: Option<(Arc<ColorImage>, TextureHandle)>,
 }
 
@@ -102,7 +89,7 @@ impl FieldPanel {
     }
 
     /// Draws the panel.
-    pub(crate) fn show(&mut self, ui: &mut Ui, session: &Session) {
+    pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.switches(ui, session);
         let Some(scene) = session.scene.clone() else {
             ui.weak("This source has no field configuration.");
@@ -116,11 +103,19 @@ impl FieldPanel {
         );
         let (response, painter) = ui.allocate_painter(area, Sense::click_and_drag());
         let before = FieldTransform::new(self.pan_zoom.transform(response.rect, 2.0 * half), half);
-        self.start_drag(&response, session, &before);
-        let pans = self.dragged.is_none() && !self.measuring;
+        self.drag.start(&response, session, &before);
+        let pans = self.drag.pans();
         let transform = self.pan_zoom.handle_input(ui, &response, 2.0 * half, pans);
         let screen = FieldTransform::new(transform, half);
-        self.update_drag(ui, &response, session, &screen);
+        self.drag.update(ui, &response, session, &screen);
+        if let Some(pointer) = response.interact_pointer_pos()
+            && response.clicked()
+            && !self.drag.measuring
+        {
+            let radius = SELECT_RADIUS / screen.scale();
+            session.select_at(screen.to_field(pointer), radius);
+        }
+        let session = &*session;
         let painter = painter.with_clip_rect(response.rect);
         let carpet = drawing::carpet_rect(&screen, &scene.field);
         fill_around(&painter, response.rect, carpet, palette::FLOOR);
@@ -136,10 +131,18 @@ impl FieldPanel {
             self.draw_objects(&painter, &screen, cycle);
             self.draw_tracks(&painter, &screen, cycle);
         }
+        self.draw_other_runs(&painter, &screen, session);
+        if let Some(place) = session.selected_place() {
+            field_marks::draw_selection(&painter, screen.to_screen(place));
+        }
+        if let Some(hovered) = session.hovered_time {
+            field_marks::draw_hovered_moment(&painter, &screen, &session.series, hovered);
+        }
         if has_layer {
             drawing::draw_distance_scale(&painter, response.rect);
         }
-        self.draw_measurement(&painter, &screen);
+        field_marks::draw_scale(&painter, &screen, response.rect);
+        self.drag.draw_measurement(&painter, &screen);
         painter.text(
             response.rect.left_top() + Vec2::new(6.0, 4.0),
             Align2::LEFT_TOP,
@@ -150,7 +153,7 @@ impl FieldPanel {
         match response.hover_pos() {
             Some(pointer) => {
                 let at = screen.to_field(pointer);
-                ui.label(format!("{:.2}, {:.2} m{}", at.x, at.y, self.length()));
+                ui.label(format!("{:.2}, {:.2} m{}", at.x, at.y, self.drag.length()));
             }
             None if session.source.simulation().is_some() => {
                 ui.weak(
@@ -193,9 +196,13 @@ impl FieldPanel {
             ] {
                 ui.selectable_value(&mut layers.background, ground, name);
             }
-            if ui.toggle_value(&mut self.measuring, "Measure").clicked() {
-                self.measurement = None;
+            if ui
+                .toggle_value(&mut self.drag.measuring, "Measure")
+                .clicked()
+            {
+                self.drag.measurement = None;
             }
+            ui.menu_button("Legend", field_marks::show_legend);
             if session.recompute.is_some() {
                 ui.toggle_value(&mut layers.recomputed, "Recomputed");
             }
@@ -377,100 +384,27 @@ impl FieldPanel {
         }
     }
 
-    fn start_drag(&mut self, response: &Response, session: &Session, screen: &FieldTransform) {
-        if !response.drag_started() || self.measuring || session.source.simulation().is_none() {
-            return;
-        }
-        let (Some(pointer), Some(now)) = (response.interact_pointer_pos(), &session.shown) else {
-            return;
-        };
-        // Use the press position: egui reports a drag only after some movement.
-        let pressed = pointer - response.drag_delta();
-        let Some(truth) = &now.cycle.inputs.truth else {
-            return;
-        };
-        let distance_if_near = |at: At<FieldFrame>, radius: f32| {
-            let distance = screen.to_screen(at).distance(pressed);
-            (distance < (radius * screen.scale()).max(PICK_RADIUS)).then_some(distance)
-        };
-        let robot = distance_if_near(truth.pose.origin(), drawing::ROBOT_RADIUS)
-            .map(|distance| (distance, DraggedObject::Robot(truth.pose)));
-        let ball = truth
-            .ball
-            .and_then(|at| distance_if_near(at, drawing::BALL_RADIUS))
-            .map(|distance| (distance, DraggedObject::Ball));
-        let others = truth.robots.iter().enumerate().filter_map(|(number, at)| {
-            distance_if_near(*at, drawing::ROBOT_RADIUS)
-                .map(|distance| (distance, DraggedObject::OtherRobot(number)))
-        });
-        let nearest = robot.into_iter().chain(ball).chain(others);
-        self.dragged = nearest
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, object)| object);
-    }
-
-    /// Moves the dragged object or the measured distance.
-    fn update_drag(
-        &mut self,
-        ui: &Ui,
-        response: &Response,
-        session: &Session,
-        screen: &FieldTransform,
-    ) {
-        let Some(pointer) = response.interact_pointer_pos() else {
-            self.dragged = None;
-            return;
-        };
-        let at = screen.to_field(pointer);
-        if self.measuring {
-            if response.drag_started() {
-                self.measurement = Some([screen.to_field(pointer - response.drag_delta()), at]);
-            } else if let (true, Some([_, to])) = (response.dragged(), &mut self.measurement) {
-                *to = at;
+    /// Draws the poses and trails of the other runs.
+    fn draw_other_runs(&self, painter: &egui::Painter, screen: &FieldTransform, session: &Session) {
+        let at = session.shown_time().unwrap_or(session.playback.time);
+        let from = at
+            - if self.layers.trail {
+                self.layers.trail_s
+            } else {
+                0.0
+            };
+        let pose = session
+            .shown
+            .as_ref()
+            .and_then(|now| now.cycle.estimate.pose);
+        for (number, other) in session.others.iter().enumerate() {
+            let colour = palette::run_colour(number);
+            let recent = other.series.between(from, at);
+            let places = recent.iter().filter(|s| s.time <= at).map(|s| s.pose);
+            drawing::draw_trail(painter, screen, places, Stroke::new(1.6, colour));
+            if let Some(cycle) = &other.cycle {
+                field_marks::draw_other_run(painter, screen, (&other.name, colour), cycle, pose);
             }
-            return;
-        }
-        let (Some(object), Some(worker)) = (&mut self.dragged, session.source.simulation()) else {
-            return;
-        };
-        match object {
-            DraggedObject::Robot(pose) => {
-                let rotation_deg =
-                    ui.input(|input| input.smooth_scroll_delta().y) * TURN_DEG_PER_SCROLL_POINT;
-                *pose = Pose::new(at.x, at.y, pose.theta + rotation_deg.to_radians());
-                worker.request(SourceRequest::Kidnap(*pose));
-            }
-            DraggedObject::Ball => worker.request(SourceRequest::PlaceBall(at, [0.0; 2])),
-            DraggedObject::OtherRobot(number) => {
-                worker.request(SourceRequest::PlaceOther(
-                    *number,
-                    Pose::new(at.x, at.y, 0.0),
-                ));
-            }
-        }
-        if response.drag_stopped() {
-            self.dragged = None;
-        }
-    }
-
-    fn draw_measurement(&self, painter: &egui::Painter, screen: &FieldTransform) {
-        if let (true, Some([from, to])) = (self.measuring, self.measurement) {
-            let ends = [from, to].map(|at| screen.to_screen(at));
-            painter.line_segment(ends, Stroke::new(2.0, Color32::WHITE));
-            let text = format!("{:.2} m", from.distance_to(to));
-            drawing::draw_text(painter, ends[1], &text, Color32::WHITE);
-        }
-    }
-
-    fn length(&self) -> String {
-        match self.measurement {
-            Some([from, to]) if self.measuring => format!(
-                "   measured {:.3} m (dx {:.3}, dy {:.3})",
-                from.distance_to(to),
-                to.x - from.x,
-                to.y - from.y
-            ),
-            _ => String::new(),
         }
     }
 

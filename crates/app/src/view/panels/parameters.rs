@@ -4,9 +4,11 @@ use std::path::Path;
 
 use eframe::egui::{self, Color32, RichText, Ui};
 
+use crate::run::tuning::AUTHOR_KEY;
 use crate::view::accessibility::AccessibleLabel;
 use crate::view::palette;
 use crate::view::session::Session;
+use crate::view::setting_changes::effect_text;
 use crate::view::settings::{self, Setting};
 use crate::view::settings_state::SettingsState;
 
@@ -49,6 +51,7 @@ impl ParametersPanel {
         {
             ui.colored_label(palette::VERMILION, error);
         }
+        self.changes(ui, session);
         ui.horizontal(|ui| {
             ui.label("Search");
             ui.add(egui::TextEdit::singleline(&mut self.filter).desired_width(160.0))
@@ -122,17 +125,62 @@ impl ParametersPanel {
             if ui.button("Send to robot").on_hover_text(hint).clicked() {
                 let config = session.settings.config();
                 let overlay = settings::diff_overlay(&session.source_config, config);
-                remote.change(format!("{start}{overlay}"), &self.key);
+                remote.change(format!("{start}{}{overlay}", author_line()), &self.key);
             }
             let hint = "The robot returns to the settings of its start";
             if ui.button("Revoke").on_hover_text(hint).clicked() {
-                remote.change(start.to_owned(), &self.key);
+                remote.change(format!("{start}{}", author_line()), &self.key);
                 revoked = true;
             }
         });
         ui.label(status.message);
         if revoked {
             session.apply_config(session.source_config.clone());
+        }
+    }
+
+    /// Lists the changes during the run with their effect, and the robot's own list with the authors.
+    fn changes(&self, ui: &mut Ui, session: &mut Session) {
+        let history = session.source.remote_settings();
+        let history = history.map_or(String::new(), |remote| remote.status().history);
+        let count = session.setting_changes.all().len();
+        if count == 0 && history.is_empty() {
+            return;
+        }
+        let (mut seek_to, mut restore) = (None, None);
+        egui::CollapsingHeader::new(format!("Changes during the run ({count})"))
+            .default_open(true)
+            .show(ui, |ui| {
+                for line in history.lines() {
+                    ui.label(RichText::new(line).small());
+                }
+                for (number, change) in session.setting_changes.all().iter().enumerate() {
+                    ui.horizontal_wrapped(|ui| {
+                        if ui.link(format!("{:.1} s", change.time)).clicked() {
+                            seek_to = Some(change.time);
+                        }
+                        ui.label(&change.text);
+                        if ui.small_button("Revert").clicked() {
+                            restore = Some(number);
+                        }
+                    });
+                    let next = session.setting_changes.all().get(number + 1);
+                    let until = next.map_or(f64::INFINITY, |next| next.time);
+                    ui.weak(effect_text(&session.series, change.time, until));
+                }
+            });
+        if let Some(time) = seek_to {
+            session.seek_stamp(time);
+        }
+        let before = restore.map(|number| session.setting_changes.before(number).cloned());
+        if let Some(config) = before {
+            let config = config.unwrap_or_else(|| session.source_config.clone());
+            if let Some(remote) = session.source.remote_settings() {
+                let overlay = settings::diff_overlay(&session.source_config, &config);
+                let text = format!("revoke = true\n{}{overlay}", author_line());
+                remote.change(text, &self.key);
+            }
+            session.apply_config(config);
         }
     }
 
@@ -189,6 +237,14 @@ impl ParametersPanel {
         }
         changed
     }
+}
+
+/// Names the user of this window as the author of a change.
+fn author_line() -> String {
+    let user = std::env::var("USER").unwrap_or_else(|_| "unknown".to_owned());
+    let host = std::fs::read_to_string("/etc/hostname").unwrap_or_default();
+    let author = format!("{user}@{}", host.trim());
+    format!("{AUTHOR_KEY} = {}\n", toml::Value::from(author))
 }
 
 fn accent(ui: &Ui) -> Color32 {

@@ -40,6 +40,7 @@ impl TimelinePanel {
             ui.colored_label(palette::VERMILION, error);
         }
         show_recompute_summary(ui, session);
+        show_other_runs(ui, session);
         egui::ScrollArea::vertical()
             .auto_shrink(false)
             .show(ui, |ui| {
@@ -262,6 +263,37 @@ fn show_recompute_summary(ui: &mut Ui, session: &mut Session) {
     });
     if discard {
         session.recompute = None;
+    }
+}
+
+/// Lists the other runs with their place on the timeline.
+fn show_other_runs(ui: &mut Ui, session: &mut Session) {
+    let mut remove = None;
+    for (number, other) in session.others.iter_mut().enumerate() {
+        ui.horizontal_wrapped(|ui| {
+            ui.colored_label(palette::run_colour(number), &other.name);
+            if let Some((start, end)) = other.span() {
+                ui.monospace(format!("{start:.1} to {end:.1} s"));
+            }
+            let mut offset = other.offset();
+            let drag = egui::DragValue::new(&mut offset)
+                .speed(0.01)
+                .max_decimals(3)
+                .prefix("moved by ")
+                .suffix(" s");
+            if ui.add(drag).changed() {
+                other.set_offset(offset);
+            }
+            if let Some(error) = other.series.mean_error() {
+                ui.label(format!("mean error {:.1} cm", 100.0 * error));
+            }
+            if ui.small_button("Close").clicked() {
+                remove = Some(number);
+            }
+        });
+    }
+    if let Some(number) = remove {
+        session.others.remove(number);
     }
 }
 

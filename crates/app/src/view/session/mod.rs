@@ -14,14 +14,18 @@ use vision::colour::colour_table::ColourTable;
 use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 
 use crate::view::calibration_state::CalibrationState;
+use crate::view::curves::{Curve, CurveStore};
 use crate::view::device_monitor::DeviceMonitor;
 use crate::view::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
 use crate::view::run_findings::RunFindings;
+use crate::view::selection::Selection;
+use crate::view::setting_changes::SettingChanges;
 use crate::view::settings_state::SettingsState;
 use crate::view::setup_job::SetupCheck;
 use crate::view::source::Source;
 use crate::view::source::decoded_cycle::DecodedCycle;
 use crate::view::source::metrics_reader::MetricsReader;
+use crate::view::source::other_run::OtherRun;
 use crate::view::source::recompute::Recompute;
 use crate::view::source::sim_worker::SourceRequest;
 use crate::view::static_scene::StaticScene;
@@ -71,8 +75,22 @@ pub(crate) struct Session {
     pub(crate) shown: Option<DecodedCycle>,
     /// Metrics of the run, as far as it has been read.
     pub(crate) series: TimeSeries,
+    /// Fields and formulas that are plotted.
+    pub(crate) curves: CurveStore,
     /// The run recomputed with other settings.
     pub(crate) recompute: Option<Recompute>,
+    /// Changes of the settings during the run, in time order.
+    pub(crate) setting_changes: SettingChanges,
+    /// Other runs on the same timeline.
+    pub(crate) others: Vec<OtherRun>,
+    /// The object that all panels point out.
+    pub(crate) selection: Option<Selection>,
+    /// Ground under the pointer in the image, robot frame.
+    pub(crate) pointed_ground: Option<At<RobotFrame>>,
+    /// Curves that another panel asks the plots to show.
+    pub(crate) plot_request: Vec<String>,
+    /// Wall-clock time at the zero of the stamps, nanoseconds; 0 if it is unknown.
+    clock_offset_ns: i64,
     /// Playback state.
     pub(crate) playback: Playback,
     /// Marks, in time order.
@@ -116,7 +134,14 @@ impl Default for Session {
             scene: None,
             shown: None,
             series: TimeSeries::default(),
+            curves: CurveStore::default(),
             recompute: None,
+            setting_changes: SettingChanges::default(),
+            others: Vec::new(),
+            selection: None,
+            pointed_ground: None,
+            plot_request: Vec::new(),
+            clock_offset_ns: 0,
             playback: Playback::default(),
             marks: Vec::new(),
             findings: RunFindings::default(),
@@ -162,6 +187,39 @@ impl Session {
         ))
     }
 
+    /// The curve of a name; None if it is unknown or invalid.
+    pub(crate) fn curve(&self, name: &str) -> Option<Curve<'_>> {
+        self.curves.curve(name, &self.series)
+    }
+
+    /// Runs that are drawn beside this one, with their names.
+    pub(crate) fn other_runs(&self) -> impl Iterator<Item = (&str, &TimeSeries)> {
+        let recompute = self.recompute.iter();
+        let others = self.others.iter();
+        recompute
+            .map(|recompute| ("recomputed", &recompute.series))
+            .chain(others.map(|other| (&*other.name, &other.series)))
+    }
+
+    /// Selects what is near a place on the field, within `radius` metres; nothing if it is empty.
+    pub(crate) fn select_at(&mut self, at: At<FieldFrame>, radius: f32) {
+        let cycle = self.shown.as_ref().map(|now| &now.cycle);
+        self.selection = cycle.and_then(|cycle| Selection::nearest(cycle, at, radius));
+    }
+
+    /// Place of the selected object on the field.
+    pub(crate) fn selected_place(&self) -> Option<At<FieldFrame>> {
+        self.selection?.place(&self.shown.as_ref()?.cycle)
+    }
+
+    /// Shows another log, or another robot's stream, beside this run.
+    pub(crate) fn open_beside(&mut self, path: &Path) {
+        match OtherRun::open(path, self.clock_offset_ns) {
+            Ok(other) => self.others.push(other),
+            Err(error) => self.last_error = Some(format!("{error:#}")),
+        }
+    }
+
     /// What localization had learned about the ground map in the shown cycle.
     pub(crate) fn map_correction(&self) -> Option<&MapCorrectionEstimate> {
         self.shown.as_ref()?.cycle.estimate.map_correction.as_ref()
@@ -199,6 +257,10 @@ impl Session {
         self.revision += 1;
         let config = Box::new(self.settings.config().clone());
         if let Some(worker) = self.source.simulation() {
+            // The simulation takes it before its next cycle.
+            let time = self.source.span().map_or(0.0, |(_, end)| end);
+            self.setting_changes
+                .push(time, &config, &self.source_config);
             worker.request(SourceRequest::Configure(config));
         }
     }

@@ -6,14 +6,16 @@ use std::sync::Arc;
 use anyhow::Result;
 
 use super::{Playback, Session, base_config_of};
+use crate::view::curves::CurveStore;
 use crate::view::settings_state::SettingsState;
+use crate::view::source::field_reader::FieldReader;
 use crate::view::source::inbox::CycleInbox;
 use crate::view::source::live::LiveSource;
 use crate::view::source::log::LogPlayer;
 use crate::view::source::metrics_reader::MetricsReader;
 use crate::view::source::recording::log_of_recording;
 use crate::view::source::sim_worker::SimWorker;
-use crate::view::source::{Source, remote};
+use crate::view::source::{Source, is_stream_address, remote};
 use crate::view::static_scene::StaticScene;
 use pipeline::PipelineConfig;
 use pipeline::config::PIPELINE_FILE;
@@ -23,10 +25,8 @@ use pipeline::setup::Setup;
 impl Session {
     /// Opens a log (`.mcap`) or a recording folder, plays a scenario (`.toml`), or connects to a robot's stream (`host:port`).
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let text = path.to_string_lossy();
-        let port = text.rsplit_once(':').map(|(_, port)| port.parse::<u16>());
-        if !path.exists() && (text.starts_with("ws://") || matches!(port, Some(Ok(_)))) {
-            return Session::connect(&text);
+        if is_stream_address(path) {
+            return Session::connect(&path.to_string_lossy());
         }
         if path.is_dir() {
             Session::recording(path)
@@ -66,6 +66,8 @@ impl Session {
         );
         let base = base_config_of(scene.as_deref());
         let metrics_reader = MetricsReader::start(player.index().clone(), base)?;
+        let clock_offset_ns = player.index().header().clock_offset_ns;
+        let fields = FieldReader::start(path, clock_offset_ns)?;
         let mut session = Session {
             title: format!("log {}", path.display()),
             playback: Playback {
@@ -78,6 +80,8 @@ impl Session {
             settings: SettingsState::new(recorded_config.clone()),
             source_config: recorded_config,
             metrics_reader: Some(metrics_reader),
+            clock_offset_ns,
+            curves: CurveStore::of_log(fields),
             ..Session::default()
         };
         session.step(1);
@@ -94,7 +98,7 @@ impl Session {
         let (worker, setup) = SimWorker::start(path, seed, config.clone(), inbox.clone())?;
         let live = LiveSource::new(inbox, Some(worker));
         let name = format!("simulation {}", path.display());
-        Ok(Session::from_live(name, live, setup, config))
+        Session::from_live(name, live, setup, config)
     }
 
     /// Connects to a robot over the network.
@@ -108,7 +112,8 @@ impl Session {
         let name = format!("{address}: {}", remote.header.source);
         Ok(Session {
             warnings,
-            ..Session::from_live(name, live, remote.setup, recorded_config)
+            clock_offset_ns: remote.header.clock_offset_ns,
+            ..Session::from_live(name, live, remote.setup, recorded_config)?
         })
     }
 
@@ -118,9 +123,10 @@ impl Session {
         live: LiveSource,
         setup: Setup,
         recorded_config: PipelineConfig,
-    ) -> Self {
-        Session {
+    ) -> Result<Self> {
+        Ok(Session {
             title: name,
+            curves: CurveStore::of_live_run()?,
             source: Source::Live(Box::new(live)),
             scene: Some(Arc::new(StaticScene::new(setup))),
             playback: Playback {
@@ -130,7 +136,7 @@ impl Session {
             settings: SettingsState::new(recorded_config.clone()),
             source_config: recorded_config,
             ..Session::default()
-        }
+        })
     }
 }
 

@@ -28,6 +28,11 @@ impl Session {
                 self.series.push(sample);
                 changed = true;
             }
+            for (time, settings) in read.setting_changes {
+                let first = &self.source_config;
+                self.setting_changes.push_toml(time, &settings, first);
+                changed = true;
+            }
             if let Some(found) = read.findings {
                 self.findings.set(found);
                 changed = true;
@@ -37,6 +42,7 @@ impl Session {
                 self.metrics_reader = None;
             }
         }
+        changed |= self.curves.poll();
         if let Some(recompute) = &mut self.recompute
             && !recompute.done
         {
@@ -51,6 +57,11 @@ impl Session {
             }
             for shown in &received {
                 self.devices.update(&shown.cycle);
+                if let Some(settings) = &shown.cycle.inputs.changed_config_toml {
+                    let (time, first) = (shown.cycle.stamp.seconds(), &self.source_config);
+                    self.setting_changes.push_toml(time, settings, first);
+                }
+                self.curves.push_live(&shown.cycle);
                 let lost = std::mem::take(&mut dropped);
                 self.findings.push_live(&shown.cycle, lost);
                 self.series
@@ -65,6 +76,12 @@ impl Session {
             self.advance(passed);
             changed = true;
         }
+        let (time, playing) = (self.playback.time, self.playback.playing);
+        for other in &mut self.others {
+            changed |= other.update(time, playing);
+        }
+        let complete = self.metrics_reader.is_none();
+        self.curves.update_formulas(&self.series, complete);
         changed
     }
 

@@ -8,6 +8,7 @@ use super::inbox::CycleInbox;
 use super::remote_settings::RemoteSettings;
 use super::sim_worker::SimWorker;
 use super::stop_guard::StopGuard;
+use pipeline::Cycle;
 
 /// Cycles kept for stepping back.
 const HISTORY_CAPACITY: usize = 1800;
@@ -106,6 +107,15 @@ impl LiveSource {
             .partition_point(|shown| shown.cycle.stamp.seconds() <= time);
         self.position = later.saturating_sub(1);
         self.history.get(self.position).cloned()
+    }
+
+    /// The last cycle of the history at or before a time.
+    pub(crate) fn cycle_at(&self, time: f64) -> Option<Arc<Cycle>> {
+        let later = self
+            .history
+            .partition_point(|shown| shown.cycle.stamp.seconds() <= time);
+        let shown = self.history.get(later.checked_sub(1)?)?;
+        Some(shown.cycle.clone())
     }
 
     /// The cycle `by` cycles later (negative: earlier) in the history.

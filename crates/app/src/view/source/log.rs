@@ -24,6 +24,8 @@ pub(crate) struct LogPlayer {
     place: Option<(usize, usize)>,
     /// The cycle decoded last, and its position.
     last_decoded: Option<((usize, usize), DecodedCycle)>,
+    /// The cycle returned last without its image.
+    last_cycle: Option<Arc<Cycle>>,
     /// Temporary folder with the files that the log carries.
     folder: Option<tempfile::TempDir>,
 }
@@ -36,6 +38,7 @@ impl LogPlayer {
             chunk_cache: VecDeque::new(),
             place: None,
             last_decoded: None,
+            last_cycle: None,
             folder: None,
         }
     }
@@ -77,6 +80,29 @@ impl LogPlayer {
                 self.place = Some((part, 0));
                 return self.decode_current();
             }
+        }
+        Ok(None)
+    }
+
+    /// The last cycle at or before a time, without its image; None before the first one and after the end of the log.
+    pub(crate) fn cycle_at(&mut self, time: f64) -> Result<Option<Arc<Cycle>>> {
+        let (stamp, (_, end)) = (Stamp::from_seconds(time), self.index.span());
+        if stamp > end {
+            return Ok(None);
+        }
+        let first = self.index.chunk_at(stamp);
+        for part in (first.saturating_sub(SEEK_CHUNKS)..=first).rev() {
+            let cycles = self.chunk(part)?;
+            let later = cycles.partition_point(|logged| logged.cycle.stamp <= stamp);
+            let Some(place) = later.checked_sub(1) else {
+                continue;
+            };
+            let found = &cycles[place].cycle;
+            let known = self.last_cycle.as_ref();
+            let known = known.filter(|known| known.stamp == found.stamp).cloned();
+            let cycle = known.unwrap_or_else(|| Arc::new(found.clone()));
+            self.last_cycle = Some(cycle.clone());
+            return Ok(Some(cycle));
         }
         Ok(None)
     }

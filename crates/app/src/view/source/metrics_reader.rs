@@ -23,6 +23,8 @@ const FIRST_SEARCH: usize = 1000;
 pub(crate) struct ReadPart {
     /// Metrics of the next cycles.
     pub(crate) samples: Vec<CycleMetrics>,
+    /// Stamps (s) at which settings changed, and the settings (TOML).
+    pub(crate) setting_changes: Vec<(f64, Arc<str>)>,
     /// All findings so far; None: as before.
     pub(crate) findings: Option<Vec<Finding>>,
 }
@@ -57,6 +59,7 @@ impl MetricsReader {
             match self.batches.try_recv() {
                 Ok(batch) => {
                     read.samples.extend(batch.samples);
+                    read.setting_changes.extend(batch.setting_changes);
                     read.findings = batch.findings.or(read.findings);
                 }
                 Err(std::sync::mpsc::TryRecvError::Empty) => return read,
@@ -100,6 +103,10 @@ fn read_metrics(
         let mut batch = ReadPart::default();
         for mut logged in cycles {
             history.push(logged.index, &logged.cycle);
+            if let Some(settings) = &logged.cycle.inputs.changed_config_toml {
+                let time = logged.cycle.stamp.seconds();
+                batch.setting_changes.push((time, settings.clone()));
+            }
             let image = logged
                 .image
                 .filter(|_| logged.index.is_multiple_of(IMAGE_STRIDE));
@@ -121,7 +128,7 @@ fn read_metrics(
     }
     // The receiver is gone if the view opened another source.
     let _ = sender.send(ReadPart {
-        samples: Vec::new(),
         findings: Some(history.findings()),
+        ..ReadPart::default()
     });
 }

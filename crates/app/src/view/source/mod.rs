@@ -1,10 +1,12 @@
 //! Sources of cycles: a log, the view's own simulation, a run in this process, or a remote robot.
 
 pub(crate) mod decoded_cycle;
+pub(crate) mod field_reader;
 pub(crate) mod inbox;
 pub(crate) mod live;
 pub(crate) mod log;
 pub(crate) mod metrics_reader;
+pub(crate) mod other_run;
 pub(crate) mod recompute;
 pub(crate) mod recording;
 pub(crate) mod remote;
@@ -12,7 +14,18 @@ pub(crate) mod remote_settings;
 pub(crate) mod sim_worker;
 pub(crate) mod stop_guard;
 
+use std::path::Path;
+use std::sync::Arc;
+
 use decoded_cycle::DecodedCycle;
+use pipeline::Cycle;
+
+/// True for `ws://…` and `host:port`, unless it is a file.
+pub(crate) fn is_stream_address(path: &Path) -> bool {
+    let text = path.to_string_lossy();
+    let port = text.rsplit_once(':').map(|(_, port)| port.parse::<u16>());
+    !path.exists() && (text.starts_with("ws://") || matches!(port, Some(Ok(_))))
+}
 
 /// A source of cycles.
 pub(crate) enum Source {
@@ -49,6 +62,16 @@ impl Source {
             Source::Empty => Ok(None),
             Source::Log(player) => player.step(by),
             Source::Live(live) => Ok(live.step(by)),
+        }
+    }
+
+    /// The last cycle at or before a time, without its image. The cycle that the source shows stays the same.
+    pub(crate) fn cycle_at(&mut self, time: f64) -> Option<Arc<Cycle>> {
+        match self {
+            Source::Empty => None,
+            // The player reports what cannot be read where it is the first run.
+            Source::Log(player) => player.cycle_at(time).ok().flatten(),
+            Source::Live(live) => live.cycle_at(time),
         }
     }
 

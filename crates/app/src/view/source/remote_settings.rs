@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use anyhow::Result;
 
 use crate::run::tuning::seal;
-use crate::stream::{MESSAGE, NONCE, StreamClient};
+use crate::stream::{HISTORY, MESSAGE, NONCE, StreamClient};
 
 /// Requests that wait for the robot: one at a time, and its successor.
 const REQUEST_CAPACITY: usize = 2;
@@ -30,6 +30,8 @@ pub(crate) struct RemoteSettingsStatus {
     pub(crate) needs_key: bool,
     /// Result of the last change.
     pub(crate) message: String,
+    /// Changes of all operators with their times: a line each.
+    pub(crate) history: String,
 }
 
 /// The view's side.
@@ -96,6 +98,9 @@ impl SettingsCourier {
         let mut status = lock(&self.status);
         status.available = true;
         status.needs_key |= nonce.is_some();
+        if let Some(history) = texts.get(HISTORY) {
+            status.history.clone_from(history);
+        }
         if let Some(message) = texts.get(MESSAGE).filter(|_| self.pending.is_none()) {
             status.message.clone_from(message);
         }

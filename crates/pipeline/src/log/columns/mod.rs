@@ -3,12 +3,15 @@
 //! [`super::LogReader`] reads the cycles of a run for replay. [`TopicReader`] reads any topic for analysis, with one
 //! chunk at a time in memory. A truncated file is read to its last complete chunk.
 
+mod field;
+mod field_names;
 mod layout;
 mod plan;
 mod protobuf;
 mod rows;
 #[cfg(test)]
 mod tests;
+mod topic;
 mod value;
 
 use std::collections::{BTreeMap, HashMap};
@@ -20,16 +23,17 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use mcap::records::{Record, op};
 
-use super::encoded_image::EncodedImage;
 use super::index::{read_summary, scan_chunks};
 use super::mcap_records::{
     LogCompleteness, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
 };
-use super::schema::{PROJECT_NAME, decode_compressed_image};
+use super::schema::PROJECT_NAME;
+pub use field::{Field, FieldValue};
 use layout::Schema;
 use plan::ColumnTable;
 pub use plan::{Column, ColumnData};
 use rows::RowTable;
+pub use topic::{RawMessage, Topic};
 pub use value::{Fields, Value};
 
 /// Half-open range of log times, nanoseconds.
@@ -54,25 +58,6 @@ struct Chunk {
     channels: Option<Vec<u16>>,
 }
 
-/// A topic of a log.
-#[derive(Debug)]
-pub struct Topic {
-    /// Name of its message type.
-    pub schema: String,
-    /// Its messages.
-    pub messages: u64,
-    layout: Result<Schema, String>,
-}
-
-/// An encoded message.
-pub struct RawMessage {
-    /// Its topic.
-    pub topic: String,
-    /// Log time, nanoseconds.
-    pub log_time: u64,
-    data: Vec<u8>,
-}
-
 impl TopicReader {
     /// Opens a log of any version. Rejects files of other programs.
     pub fn open(path: &Path) -> Result<Self> {
@@ -82,6 +67,16 @@ impl TopicReader {
                 path.display()
             )
         })?;
+        TopicReader::open_with(path, metadata)
+    }
+
+    /// Opens a log of any program.
+    pub fn open_any(path: &Path) -> Result<Self> {
+        let metadata = read_metadata(path)?.unwrap_or_default();
+        TopicReader::open_with(path, metadata)
+    }
+
+    fn open_with(path: &Path, metadata: BTreeMap<String, String>) -> Result<Self> {
         let mut reader = TopicReader {
             path: path.to_owned(),
             metadata,
@@ -103,8 +98,10 @@ impl TopicReader {
         for (id, channel) in channels {
             let count = counts.and_then(|stats| stats.channel_message_counts.get(id));
             let schema = channel.schema.as_ref();
-            let schema = schema.map_or(("", &[][..]), |schema| (&schema.name, &schema.data[..]));
-            self.add_channel(*id, &channel.topic, schema);
+            let (name, data) =
+                schema.map_or(("", &[][..]), |schema| (&schema.name, &schema.data[..]));
+            let topic = Topic::new(name, data, &channel.message_encoding);
+            self.add_channel(*id, &channel.topic, topic);
             self.count_messages(&channel.topic, count.copied().unwrap_or(0));
         }
         self.chunks = summary
@@ -142,8 +139,10 @@ impl TopicReader {
                     }
                     Record::Channel(channel) => {
                         let schema = schemas.get(&channel.schema_id);
-                        let schema = schema.map_or(("", &[][..]), |(name, data)| (name, &data[..]));
-                        self.add_channel(channel.id, &channel.topic, schema);
+                        let (name, data) =
+                            schema.map_or(("", &[][..]), |(name, data)| (name, &data[..]));
+                        let topic = Topic::new(name, data, &channel.message_encoding);
+                        self.add_channel(channel.id, &channel.topic, topic);
                     }
                     Record::Message { header, .. } => {
                         if let Some(topic) = self.channels.get(&header.channel_id).cloned() {
@@ -157,15 +156,9 @@ impl TopicReader {
         Ok(())
     }
 
-    fn add_channel(&mut self, id: u16, topic: &str, (schema, descriptors): (&str, &[u8])) {
-        self.channels.insert(id, topic.to_owned());
-        self.topics
-            .entry(topic.to_owned())
-            .or_insert_with(|| Topic {
-                schema: schema.to_owned(),
-                messages: 0,
-                layout: Schema::parse(schema, descriptors).map_err(|error| format!("{error:#}")),
-            });
+    fn add_channel(&mut self, id: u16, name: &str, topic: Topic) {
+        self.channels.insert(id, name.to_owned());
+        self.topics.entry(name.to_owned()).or_insert(topic);
     }
 
     fn count_messages(&mut self, topic: &str, count: u64) {
@@ -307,6 +300,28 @@ impl TopicReader {
         Ok(messages)
     }
 
+    /// Paths of all numbers and texts, for [`Field::find`]: those of topics without messages last.
+    pub fn field_paths(&self) -> Vec<String> {
+        let mut paths = Vec::new();
+        let mut topics: Vec<(&String, &Topic)> = self.topics.iter().collect();
+        topics.sort_by_key(|(_, topic)| topic.messages == 0);
+        for (name, topic) in topics {
+            let sample = topic.is_json.then(|| self.first_message(name)).flatten();
+            let names = topic.field_names(sample.as_ref());
+            paths.extend(names.into_iter().map(|field| format!("{name}.{field}")));
+        }
+        paths
+    }
+
+    /// The first message of a topic.
+    fn first_message(&self, topic: &str) -> Option<RawMessage> {
+        let wanted = [topic.to_owned()];
+        (0..self.chunks.len()).find_map(|chunk| {
+            let messages = self.chunk_messages(chunk, &wanted, &(0..u64::MAX)).ok()?;
+            messages.into_iter().next()
+        })
+    }
+
     /// Fields and values of a message.
     pub fn decode(&self, message: &RawMessage) -> Result<Fields> {
         let schema = self.schema(&message.topic)?;
@@ -380,13 +395,6 @@ impl TopicReader {
 impl Chunk {
     fn overlaps(&self, range: &TimeRange) -> bool {
         self.times.0 < range.end && range.start <= self.times.1
-    }
-}
-
-impl RawMessage {
-    /// The encoded image of a message of /camera/image.
-    pub fn encoded_image(&self) -> Result<EncodedImage> {
-        decode_compressed_image(&self.data)
     }
 }
 

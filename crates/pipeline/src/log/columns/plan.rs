@@ -376,7 +376,7 @@ fn set_last<T>(values: &mut [T], value: T) {
 }
 
 /// Seconds of a google.protobuf.Timestamp or Duration.
-fn decode_seconds(message: &[u8]) -> Result<f64, ProtobufError> {
+pub(super) fn decode_seconds(message: &[u8]) -> Result<f64, ProtobufError> {
     let (mut seconds, mut nanos) = (0i64, 0i64);
     let mut fields = FieldReader::new(message);
     while let Some((number, value)) = fields.next_field()? {

@@ -4,10 +4,13 @@ use foxglove::prost_types::{
 };
 use prost::Message;
 
+use std::collections::BTreeMap;
+
 use super::layout::Schema;
 use super::plan::{ColumnData, ColumnTable};
 use super::rows::RowTable;
 use super::value::{self, Value};
+use super::{Field, FieldValue, TopicReader};
 
 fn field(name: &str, number: i32, kind: Type) -> FieldDescriptorProto {
     FieldDescriptorProto {
@@ -233,4 +236,123 @@ fn damaged_messages_are_errors() {
             "{element}"
         );
     }
+}
+
+/// A file of another program: a topic of JSON, and one in an encoding that is not read.
+fn write_json_log(path: &std::path::Path) {
+    let file = std::fs::File::create(path).expect("a file");
+    let mut writer = mcap::Writer::new(std::io::BufWriter::new(file)).expect("a writer");
+    let json = writer
+        .add_channel(0, "/other/state", "json", &BTreeMap::new())
+        .expect("a channel");
+    let cdr = writer
+        .add_channel(0, "/other/cdr", "cdr", &BTreeMap::new())
+        .expect("a channel");
+    for number in 0..3u32 {
+        let header = |channel_id| mcap::records::MessageHeader {
+            channel_id,
+            sequence: number,
+            log_time: u64::from(number) * 1_000_000_000,
+            publish_time: 0,
+        };
+        let text = format!(
+            r#"{{"speed": {number}.5, "on": true, "name": "n{number}", "list": [1, {{"x": {number}}}], "none": null}}"#
+        );
+        writer
+            .write_to_known_channel(&header(json), text.as_bytes())
+            .expect("written");
+        writer
+            .write_to_known_channel(&header(cdr), &[0, 1])
+            .expect("written");
+    }
+    writer.finish().expect("closed");
+}
+
+#[test]
+fn json_fields_of_any_program_are_listed_and_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("other.mcap");
+    write_json_log(&path);
+    let log = TopicReader::open_any(&path).expect("a log");
+    assert_eq!(
+        log.field_paths(),
+        [
+            "/other/state.list.length",
+            "/other/state.list[0]",
+            "/other/state.list[1].x",
+            "/other/state.name",
+            "/other/state.on",
+            "/other/state.speed",
+        ]
+    );
+    let last = |path: &str| {
+        let field = Field::find(log.topics(), path).expect("a field");
+        let topics = [field.topic().to_owned()];
+        let messages = log.chunk_messages(0, &topics, &(0..u64::MAX));
+        let message = messages.expect("messages").pop().expect("a message");
+        field.read(&message).expect("a value")
+    };
+    assert_eq!(last("/other/state.speed"), FieldValue::Number(2.5));
+    assert_eq!(last("/other/state.on"), FieldValue::Number(1.0));
+    assert_eq!(last("/other/state.list[1].x"), FieldValue::Number(2.0));
+    assert_eq!(last("/other/state.list.length"), FieldValue::Number(2.0));
+    assert_eq!(last("/other/state.name"), FieldValue::Text("n2".to_owned()));
+    assert_eq!(last("/other/state.list[7]"), FieldValue::Absent);
+    let error = |path: &str| format!("{:#}", Field::find(log.topics(), path).expect_err(path));
+    assert!(error("/other/cdr.x").contains("cdr, not protobuf"));
+    assert!(error("/nothing.x").contains("no topic"));
+}
+
+#[test]
+fn each_listed_field_of_a_log_is_read_as_its_column_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("run.mcap");
+    crate::testing::record(&path, 12, &crate::log::LogConfig::default());
+    let log = TopicReader::open(&path).expect("a log");
+    let everything = 0..u64::MAX;
+    let mut compared = 0;
+    for path in log.field_paths() {
+        let field = Field::find(log.topics(), &path).unwrap_or_else(|e| panic!("{path}: {e:#}"));
+        let name = path[field.topic().len() + 1..].replace(['.', '['], "_");
+        let (name, elements) = (
+            name.replace(']', ""),
+            element_of(&path[field.topic().len() + 1..]),
+        );
+        let Ok((_, columns)) = log.columns(field.topic(), &elements, &everything, || Ok(())) else {
+            continue;
+        };
+        let name = name
+            .strip_suffix("_length")
+            .map_or(name.clone(), |list| format!("{list}_count"));
+        let Some((_, ColumnData::F64(column))) = columns.iter().find(|(column, _)| *column == name)
+        else {
+            continue;
+        };
+        let mut values = Vec::new();
+        for chunk in 0..log.chunk_count() {
+            let topics = [field.topic().to_owned()];
+            for message in log
+                .chunk_messages(chunk, &topics, &everything)
+                .expect("messages")
+            {
+                values.push(match field.read(&message).expect("a value") {
+                    FieldValue::Number(value) => value,
+                    _ => f64::NAN,
+                });
+            }
+        }
+        assert_eq!(values.len(), column.len(), "{path}");
+        for (value, column) in values.iter().zip(column) {
+            let equal = value.to_bits() == column.to_bits() || value.is_nan() && column.is_nan();
+            assert!(equal, "{path}: {value} is not {column}");
+        }
+        compared += 1;
+    }
+    assert!(compared > 100, "{compared}");
+}
+
+/// The element of a list at the end of a path, as `TopicReader::columns` takes it.
+fn element_of(path: &str) -> Vec<String> {
+    let is_element = path.ends_with(']') && path.matches('[').count() == 1;
+    is_element.then(|| path.to_owned()).into_iter().collect()
 }

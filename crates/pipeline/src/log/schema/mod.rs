@@ -1,4 +1,4 @@
-//! Which topics does a log have, with which schemas? Only this module uses foxglove's SDK.
+//! Which topics does a log have, with which schemas? Only this module and `live_topics` use foxglove's SDK.
 //!
 //! Each message is logged once. All sinks of the context (a file, viewers) receive it.
 

@@ -1,9 +1,8 @@
-//! Which quantities does a plot show, and how?
+//! Which curves does a plot show, and how?
 
 use eframe::egui::Color32;
 use serde::{Deserialize, Serialize};
 
-use super::catalogue::PlottedQuantity;
 use crate::view::palette;
 
 /// Colours of a plot's curves, in turn.
@@ -17,13 +16,13 @@ const COLOURS: [Color32; 7] = [
     palette::GREY,
 ];
 
-/// How a plot shows its quantities.
+/// How a plot shows its curves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub(super) enum PlotKind {
     /// Over time.
     #[default]
     Curve,
-    /// The second quantity over the first one.
+    /// The second curve over the first one.
     Against,
     /// How often each value occurs in the visible time.
     Histogram,
@@ -37,11 +36,13 @@ pub(super) enum PlotKind {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub(super) struct PlotConfig {
-    /// Names of its quantities.
+    /// Names of its curves: quantities, fields as `/cycle.estimate.pose.x`, formulas as `= 2 * {x}`.
     pub(super) curves: Vec<String>,
     pub(super) kind: PlotKind,
     /// Logarithmic values.
     pub(super) logarithmic: bool,
+    /// Values at which a line is drawn.
+    pub(super) thresholds: Vec<f64>,
 }
 
 impl PlotConfig {
@@ -52,12 +53,9 @@ impl PlotConfig {
         }
     }
 
-    /// Its quantities with their colours. A name of another version is left out.
-    pub(super) fn quantities(&self) -> Vec<(&'static PlottedQuantity, Color32)> {
-        let known = self
-            .curves
-            .iter()
-            .filter_map(|name| PlottedQuantity::named(name));
-        known.zip(COLOURS.into_iter().cycle()).collect()
+    /// Its curves with their colours.
+    pub(super) fn colours(&self) -> impl Iterator<Item = (&str, Color32)> {
+        let names = self.curves.iter().map(String::as_str);
+        names.zip(COLOURS.into_iter().cycle())
     }
 }

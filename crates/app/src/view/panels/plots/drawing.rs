@@ -1,12 +1,14 @@
 //! How is one plot drawn, and what does the pointer ask for?
 
 use eframe::egui::{self, Color32, Ui, Vec2};
-use egui_plot::{Bar, BarChart, Line, LineStyle, Plot, PlotPoints, PlotUi, Points, Span, VLine};
+use egui_plot::{
+    AxisHints, Bar, BarChart, HLine, Line, LineStyle, Plot, PlotPoints, PlotUi, Points, Span, VLine,
+};
 use localize::estimate::Mode;
 
-use super::catalogue::PlottedQuantity;
 use super::config::{PlotConfig, PlotKind};
 use super::numbers::{self, robust_limits, short, thinned_curve};
+use crate::view::curves::Curve;
 use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::time_series::TimeSeries;
@@ -15,6 +17,8 @@ use crate::view::time_series::TimeSeries;
 pub(super) const PLOT_HEIGHT_MIN: f32 = 80.0;
 /// Width of the value axis, points: equal in all plots, so that equal times lie above one another.
 const VALUE_AXIS_WIDTH: f32 = 52.0;
+/// Distance at which labels of the value axis appear, and at which they are opaque, points.
+const VALUE_LABEL_SPACING: std::ops::RangeInclusive<f32> = 12.0..=17.0;
 /// Scrolled points per zoom factor of e.
 const SCROLL_POINTS_PER_E_FOLD: f32 = 300.0;
 /// Shortest visible time, seconds.
@@ -48,7 +52,17 @@ pub(super) struct PlotArea {
     pub(super) hovered: Option<f64>,
 }
 
-type Curves<'a> = &'a [(&'static PlottedQuantity, Color32)];
+/// A curve as it is drawn.
+pub(super) struct PlottedCurve<'a> {
+    pub(super) name: &'a str,
+    pub(super) unit: &'static str,
+    pub(super) colour: Color32,
+    pub(super) curve: Curve<'a>,
+    /// The same of other runs, with their names.
+    pub(super) others: Vec<(&'a str, Curve<'a>)>,
+}
+
+type Curves<'a> = &'a [PlottedCurve<'a>];
 
 impl PlotArea {
     /// Draws a plot and takes its input.
@@ -60,10 +74,10 @@ impl PlotArea {
         session: &Session,
     ) {
         match plot.kind {
-            PlotKind::Curve => self.draw_over_time(ui, plot.logarithmic, curves, session),
+            PlotKind::Curve => self.draw_over_time(ui, plot, curves, session),
             PlotKind::Against => self.draw_against(ui, curves, session),
-            PlotKind::Histogram => self.draw_histogram(ui, curves, session),
-            PlotKind::Spectrum => self.draw_spectrum(ui, plot.logarithmic, curves, session),
+            PlotKind::Histogram => self.draw_histogram(ui, curves),
+            PlotKind::Spectrum => self.draw_spectrum(ui, plot.logarithmic, curves),
             PlotKind::Numbers => self.draw_numbers(ui, curves, session),
         }
     }
@@ -75,14 +89,23 @@ impl PlotArea {
     }
 
     fn plot<'a>(&self, name: &str) -> Plot<'a> {
+        self.plot_with_values(name, |value| axis_value(value, false))
+    }
+
+    /// A plot with its own texts of the value axis.
+    fn plot_with_values<'a>(&self, name: &str, text: impl Fn(f64) -> String + 'a) -> Plot<'a> {
+        let values = AxisHints::new_y()
+            .min_thickness(VALUE_AXIS_WIDTH)
+            .label_spacing(VALUE_LABEL_SPACING)
+            .formatter(move |mark, _| text(mark.value));
         Plot::new(name.to_owned())
+            .custom_y_axes(vec![values])
             .height(self.height)
             .allow_zoom(false)
             .allow_drag(false)
             .allow_scroll(false)
             .allow_boxed_zoom(false)
             .allow_double_click_reset(false)
-            .y_axis_min_width(VALUE_AXIS_WIDTH)
             // Low plots need denser ticks than the default.
             .grid_spacing(14.0..=160.0)
     }
@@ -90,53 +113,56 @@ impl PlotArea {
     fn draw_over_time(
         &mut self,
         ui: &mut Ui,
-        logarithmic: bool,
+        config: &PlotConfig,
         curves: Curves<'_>,
         session: &Session,
     ) {
         let (from, to) = self.range;
+        let logarithmic = config.logarithmic;
         // More points than screen columns would overlap.
         let points_max =
             (ui.available_width() * ui.pixels_per_point()).max(PLOT_HEIGHT_MIN) as usize;
-        let scaled = |value: f64| scale(value, logarithmic);
-        let of = |series: &TimeSeries, quantity: &PlottedQuantity| {
-            thinned_curve(
-                series,
-                self.range,
-                |sample| scaled(quantity.of(sample)),
-                points_max,
-            )
+        let of = |curve| {
+            let scaled = |value| scale(value, logarithmic);
+            thinned_curve(curve, self.range, scaled, points_max)
         };
-        let recorded: Vec<_> = curves
+        let recorded: Vec<_> = curves.iter().map(|one| of(one.curve)).collect();
+        let others: Vec<Vec<_>> = curves
             .iter()
-            .map(|(one, _)| of(&session.series, one))
+            .map(|one| one.others.iter().map(|(_, curve)| of(*curve)).collect())
             .collect();
-        let recomputed: Vec<_> = session.recompute.as_ref().map_or(Vec::new(), |recompute| {
-            curves
-                .iter()
-                .map(|(one, _)| of(&recompute.series, one))
-                .collect()
-        });
+        let thresholds: Vec<f64> = config
+            .thresholds
+            .iter()
+            .map(|value| scale(*value, logarithmic))
+            .collect();
         let values = recorded
             .iter()
-            .chain(&recomputed)
+            .chain(others.iter().flatten())
             .flatten()
-            .map(|point| point[1]);
+            .map(|point| point[1])
+            .chain(thresholds.iter().copied());
         let ([low, high], clipped) = robust_limits(values.collect()).unwrap_or(([0.0, 1.0], false));
         let cursor = ui.visuals().strong_text_color();
         let drawn = self
-            .plot("over time")
-            .y_axis_formatter(move |mark, _| axis_value(mark.value, logarithmic))
+            .plot_with_values("over time", move |value| axis_value(value, logarithmic))
             .show(ui, |plot| {
                 plot.set_plot_bounds_x(from..=to);
                 plot.set_plot_bounds_y(low..=high);
                 draw_modes(plot, &session.series, (from, to));
-                for ((one, colour), points) in curves.iter().zip(&recorded) {
-                    plot.line(line(one.name, points, *colour, 1.4));
+                for threshold in thresholds {
+                    let line = HLine::new("threshold", threshold).color(palette::VERMILION);
+                    plot.hline(line.style(LineStyle::dashed_dense()).width(1.0));
                 }
-                for ((one, colour), points) in curves.iter().zip(&recomputed) {
-                    let line = line(&format!("{}, recomputed", one.name), points, *colour, 1.0);
-                    plot.line(line.style(LineStyle::dashed_loose()));
+                for (one, points) in curves.iter().zip(&recorded) {
+                    plot.line(line(one.name, points, one.colour, 1.4));
+                }
+                for (one, others) in curves.iter().zip(&others) {
+                    for ((run, _), points) in one.others.iter().zip(others) {
+                        let name = format!("{}, {run}", one.name);
+                        let line = line(&name, points, one.colour, 1.0);
+                        plot.line(line.style(LineStyle::dashed_loose()));
+                    }
                 }
                 draw_time(plot, session.playback.time, cursor);
                 for time in [session.hovered_time, self.measured_from]
@@ -168,7 +194,8 @@ impl PlotArea {
         let Some(time) = at else {
             return;
         };
-        let shifted = ui.input(|input| input.modifiers.shift);
+        let (shifted, commanded) =
+            ui.input(|input| (input.modifiers.shift, input.modifiers.command));
         if response.double_clicked() {
             self.request = Some(Request::ShowAll);
         } else if response.drag_started() && shifted {
@@ -179,7 +206,7 @@ impl PlotArea {
             if moved != 0.0 {
                 self.request = Some(Request::Show((from - moved, to - moved)));
             }
-        } else if response.clicked() {
+        } else if response.clicked() || response.hovered() && commanded {
             self.request = Some(Request::Seek(time));
         }
         let scrolled = ui.input(|input| input.smooth_scroll_delta().y);
@@ -195,25 +222,27 @@ impl PlotArea {
     }
 
     fn draw_against(&self, ui: &mut Ui, curves: Curves<'_>, session: &Session) {
-        let [(across, _), (up, colour), ..] = curves else {
-            ui.weak("Add a second quantity: it is drawn over the first one.");
+        let [across, up, ..] = curves else {
+            ui.weak("Add a second curve: it is drawn over the first one.");
             return;
         };
-        let samples = session.series.between(self.range.0, self.range.1);
-        let points: Vec<[f64; 2]> = samples
-            .iter()
-            .map(|sample| [across.of(sample), up.of(sample)])
-            .filter(|point| point.iter().all(|value| value.is_finite()))
+        let (from, to) = self.range;
+        // Where the two have samples at different times, the first one's last value counts.
+        let points: Vec<[f64; 2]> = up
+            .curve
+            .finite(from, to)
+            .map(|[time, value]| [across.curve.at(time), value])
+            .filter(|point| point[0].is_finite())
             .collect();
-        let now = session.series.at(session.playback.time);
-        let now = now.map(|sample| [across.of(sample), up.of(sample)]);
+        let time = session.playback.time;
+        let now = [across.curve.at(time), up.curve.at(time)];
         self.plot("against")
             .x_axis_label(axis_title(across))
             .y_axis_label(axis_title(up))
             .show(ui, |plot| {
                 let dots = Points::new(up.name, PlotPoints::from(points)).radius(1.2);
-                plot.points(dots.color(*colour));
-                if let Some(now) = now {
+                plot.points(dots.color(up.colour));
+                if now.iter().all(|value| value.is_finite()) {
                     plot.points(
                         Points::new("shown", PlotPoints::from(vec![now]))
                             .radius(4.0)
@@ -223,27 +252,21 @@ impl PlotArea {
             });
     }
 
-    fn draw_histogram(&self, ui: &mut Ui, curves: Curves<'_>, session: &Session) {
-        let samples = session.series.between(self.range.0, self.range.1);
-        let charts = curves.iter().map(|(one, colour)| {
-            let values: Vec<f64> = samples
-                .iter()
-                .map(|sample| one.of(sample))
-                .filter(|value| value.is_finite())
-                .collect();
+    fn draw_histogram(&self, ui: &mut Ui, curves: Curves<'_>) {
+        let (from, to) = self.range;
+        let charts = curves.iter().map(|one| {
+            let values: Vec<f64> = one.curve.finite(from, to).map(|point| point[1]).collect();
             let (width, bins) = numbers::histogram(&values);
             let bars = bins
                 .iter()
                 .map(|[at, count]| Bar::new(*at, *count).width(width));
-            BarChart::new(one.name, bars.collect()).color(colour.gamma_multiply(0.7))
+            BarChart::new(one.name, bars.collect()).color(one.colour.gamma_multiply(0.7))
         });
         let charts: Vec<BarChart> = charts.collect();
-        let title = curves
-            .first()
-            .map_or(String::new(), |(one, _)| one.unit.to_owned());
+        let title = curves.first().map_or("", |one| one.unit);
         self.plot("histogram")
             .x_axis_label(title)
-            .y_axis_label("cycles")
+            .y_axis_label("samples")
             .show(ui, |plot| {
                 for chart in charts {
                     plot.bar_chart(chart);
@@ -251,14 +274,10 @@ impl PlotArea {
             });
     }
 
-    fn draw_spectrum(&self, ui: &mut Ui, logarithmic: bool, curves: Curves<'_>, session: &Session) {
-        let all = |one: &PlottedQuantity| {
-            let points = thinned_curve(
-                &session.series,
-                self.range,
-                |sample| one.of(sample),
-                usize::MAX,
-            );
+    fn draw_spectrum(&self, ui: &mut Ui, logarithmic: bool, curves: Curves<'_>) {
+        let (from, to) = self.range;
+        let all = |curve: Curve<'_>| {
+            let points: Vec<[f64; 2]> = curve.finite(from, to).collect();
             let mut spectrum = numbers::spectrum(&points);
             for point in &mut spectrum {
                 point[1] = scale(point[1], logarithmic);
@@ -267,11 +286,10 @@ impl PlotArea {
         };
         let lines: Vec<_> = curves
             .iter()
-            .map(|(one, colour)| line(one.name, &all(one), *colour, 1.4))
+            .map(|one| line(one.name, &all(one.curve), one.colour, 1.4))
             .collect();
-        self.plot("spectrum")
+        self.plot_with_values("spectrum", move |value| axis_value(value, logarithmic))
             .x_axis_label("Hz")
-            .y_axis_formatter(move |mark, _| axis_value(mark.value, logarithmic))
             .show(ui, |plot| {
                 for line in lines {
                     plot.line(line);
@@ -280,21 +298,17 @@ impl PlotArea {
     }
 
     fn draw_numbers(&self, ui: &mut Ui, curves: Curves<'_>, session: &Session) {
-        let samples = session.series.between(self.range.0, self.range.1);
-        let now = session.series.at(session.playback.time);
+        let (from, to) = self.range;
         egui::Grid::new("numbers").striped(true).show(ui, |ui| {
             for title in [
-                "Quantity", "Shown", "Mean", "Median", "99 %", "Least", "Most",
+                "Curve", "Shown", "Mean", "Median", "99 %", "Least", "Most", "Samples",
             ] {
                 ui.strong(title);
             }
             ui.end_row();
-            for (one, colour) in curves {
-                let mut values: Vec<f64> = samples
-                    .iter()
-                    .map(|sample| one.of(sample))
-                    .filter(|value| value.is_finite())
-                    .collect();
+            for one in curves {
+                let mut values: Vec<f64> =
+                    one.curve.finite(from, to).map(|point| point[1]).collect();
                 values.sort_by(f64::total_cmp);
                 let count = values.len();
                 let rank = |part: f64| {
@@ -305,14 +319,15 @@ impl PlotArea {
                         .unwrap_or(f64::NAN)
                 };
                 let mean = values.iter().sum::<f64>() / count as f64;
-                let shown = now.map_or(f64::NAN, |sample| one.of(sample));
-                ui.colored_label(*colour, axis_title(one));
-                for value in [shown, mean, rank(0.5), rank(0.99), rank(0.0), rank(1.0)] {
-                    ui.monospace(if value.is_finite() {
-                        short(value)
-                    } else {
-                        "-".to_owned()
-                    });
+                let shown = one.curve.at(session.playback.time);
+                ui.colored_label(one.colour, axis_title(one));
+                if let Some(text) = one.curve.text(shown) {
+                    ui.monospace(text);
+                } else {
+                    for value in [shown, mean, rank(0.5), rank(0.99), rank(0.0), rank(1.0)] {
+                        ui.monospace(short(value));
+                    }
+                    ui.monospace(count.to_string());
                 }
                 ui.end_row();
             }
@@ -320,8 +335,11 @@ impl PlotArea {
     }
 }
 
-fn axis_title(quantity: &PlottedQuantity) -> String {
-    format!("{} ({})", quantity.name, quantity.unit)
+fn axis_title(curve: &PlottedCurve<'_>) -> String {
+    match curve.unit {
+        "" => curve.name.to_owned(),
+        unit => format!("{} ({unit})", curve.name),
+    }
 }
 
 fn line<'a>(name: &str, points: &[[f64; 2]], colour: Color32, width: f32) -> Line<'a> {

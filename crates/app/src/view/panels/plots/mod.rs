@@ -1,18 +1,22 @@
-//! Plots panel: any quantities over time, against each other, as histogram, spectrum or numbers.
+//! Plots panel: any curves over time, against each other, as histogram, spectrum or numbers.
 
-mod catalogue;
 mod config;
+mod csv;
 mod drawing;
 mod numbers;
+mod search;
 
-use eframe::egui::{self, RichText, Ui};
+use eframe::egui::{self, Color32, RichText, Ui};
 use serde::{Deserialize, Serialize};
 
-use self::catalogue::{CATALOGUE, PlottedQuantity};
 use self::config::{PlotConfig, PlotKind};
-use self::drawing::{PLOT_HEIGHT_MIN, PlotArea};
+use self::csv::csv;
+use self::drawing::{PLOT_HEIGHT_MIN, PlotArea, PlottedCurve};
 use self::numbers::short;
+use self::search::search_curve;
 use crate::view::accessibility::AccessibleLabel;
+use crate::view::curves::catalogue::PlottedQuantity;
+use crate::view::curves::{Curve, CurveState, unit_of};
 use crate::view::palette;
 use crate::view::session::Session;
 
@@ -40,9 +44,12 @@ pub(crate) struct PlotsPanel {
     /// Start of the measured time, seconds.
     #[serde(skip)]
     measured_from: Option<f64>,
-    /// What is typed to find a quantity.
+    /// What is typed to find a curve.
     #[serde(skip)]
     search: String,
+    /// Value of the next threshold.
+    #[serde(skip)]
+    threshold: f64,
 }
 
 impl Default for PlotsPanel {
@@ -58,6 +65,7 @@ impl Default for PlotsPanel {
             range: None,
             measured_from: None,
             search: String::new(),
+            threshold: 0.0,
         }
     }
 }
@@ -65,6 +73,12 @@ impl Default for PlotsPanel {
 impl PlotsPanel {
     /// Draws the panel; a click seeks to its time.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
+        for name in std::mem::take(&mut session.plot_request) {
+            self.plots.push(PlotConfig::of(&[&name]));
+        }
+        for name in self.plots.iter().flat_map(|plot| &plot.curves) {
+            session.curves.request(name);
+        }
         self.toolbar(ui, session);
         let Some(span) = session.span() else {
             ui.weak("No run yet.");
@@ -88,7 +102,7 @@ impl PlotsPanel {
                             changed = Some((number, change));
                         }
                         let plot = &self.plots[number];
-                        area.draw(ui, plot, &plot.quantities(), session);
+                        area.draw(ui, plot, &plotted_curves(plot, session), session);
                     });
                 }
             });
@@ -111,8 +125,8 @@ impl PlotsPanel {
     fn toolbar(&mut self, ui: &mut Ui, session: &Session) {
         ui.horizontal_wrapped(|ui| {
             ui.menu_button("Add plot", |ui| {
-                if let Some(name) = search_quantity(ui, &mut self.search) {
-                    self.plots.push(PlotConfig::of(&[name]));
+                if let Some(name) = search_curve(ui, &mut self.search, session.curves.paths()) {
+                    self.plots.push(PlotConfig::of(&[&name]));
                 }
             });
             for (name, window) in [("All", 0.0), ("60 s", 60.0), ("10 s", 10.0)] {
@@ -125,12 +139,12 @@ impl PlotsPanel {
             }
             if ui
                 .button("Copy CSV")
-                .on_hover_text("Copies the plotted quantities of the visible time")
+                .on_hover_text("Copies the plotted curves of the visible time")
                 .clicked()
                 && let Some(span) = session.span()
             {
                 let range = self.visible_range(span, session.playback.time);
-                ui.ctx().copy_text(self.csv(session, range));
+                ui.ctx().copy_text(csv(&self.plotted(session), range));
             }
             if let Some(error) = session.series.mean_error() {
                 ui.label(format!("mean error {:.1} cm", 100.0 * error));
@@ -142,7 +156,7 @@ impl PlotsPanel {
                 ui.colored_label(palette::PURPLE, text);
             }
             ui.weak("(?)").on_hover_text(
-                "Click seeks, drag pans, wheel zooms, double-click shows all, Shift-drag measures.\nA click on a name removes the curve; ... changes the plot.",
+                "Click seeks, Ctrl follows the pointer, drag pans, wheel zooms, double-click shows all, Shift-drag measures.\nA click on a name copies or removes the curve; ... changes the plot.",
             );
         });
     }
@@ -156,23 +170,10 @@ impl PlotsPanel {
         area: &PlotArea,
     ) -> Option<Change> {
         let plot = &self.plots[number];
-        let at = session.hovered_time.unwrap_or(session.playback.time);
-        let sample = session.series.at(at);
         let mut change = None;
         ui.horizontal_wrapped(|ui| {
-            for (quantity, colour) in plot.quantities() {
-                let value = sample.map_or(f64::NAN, |sample| quantity.of(sample));
-                let value = if value.is_finite() {
-                    format!("{} {}", short(value), quantity.unit)
-                } else {
-                    "-".to_owned()
-                };
-                let text = RichText::new(format!("{} {value}", quantity.name)).color(colour);
-                ui.menu_button(text.small(), |ui| {
-                    if ui.button("Remove the curve").clicked() {
-                        change = Some(Change::RemoveCurve(quantity.name));
-                    }
-                });
+            for (name, colour) in plot.colours() {
+                change = change.take().or(curve_menu(ui, session, name, colour));
             }
             ui.menu_button(RichText::new("...").small(), |ui| {
                 for (kind, name) in KINDS {
@@ -184,14 +185,18 @@ impl PlotsPanel {
                 if ui.checkbox(&mut logarithmic, "Logarithmic").changed() {
                     change = Some(Change::Logarithmic(logarithmic));
                 }
+                ui.menu_button("Threshold", |ui| {
+                    change = change
+                        .take()
+                        .or(threshold_menu(ui, plot, &mut self.threshold));
+                });
                 if ui.button("Remove the plot").clicked() {
                     change = Some(Change::RemovePlot);
                 }
                 ui.separator();
                 ui.label("Add a curve");
-                if let Some(name) = search_quantity(ui, &mut self.search) {
-                    change = Some(Change::AddCurve(name));
-                }
+                let found = search_curve(ui, &mut self.search, session.curves.paths());
+                change = change.take().or(found.map(Change::AddCurve));
             })
             .response
             .with_accessible_label(&format!("menu of plot {}", number + 1));
@@ -207,10 +212,12 @@ impl PlotsPanel {
         match change {
             Change::Kind(kind) => plot.kind = kind,
             Change::Logarithmic(logarithmic) => plot.logarithmic = logarithmic,
-            Change::AddCurve(name) if plot.curves.iter().any(|curve| curve == name) => {}
-            Change::AddCurve(name) => plot.curves.push(name.to_owned()),
+            Change::AddCurve(name) if plot.curves.contains(&name) => {}
+            Change::AddCurve(name) => plot.curves.push(name),
+            Change::AddThreshold(value) => plot.thresholds.push(value),
+            Change::RemoveThreshold(value) => plot.thresholds.retain(|other| *other != value),
             Change::RemoveCurve(name) => {
-                plot.curves.retain(|curve| curve != name);
+                plot.curves.retain(|curve| *curve != name);
                 if plot.curves.is_empty() {
                     self.plots.remove(number);
                 }
@@ -219,6 +226,24 @@ impl PlotsPanel {
                 self.plots.remove(number);
             }
         }
+    }
+
+    /// True if both have the same plots; the visible time may differ.
+    pub(crate) fn same_plots(&self, other: &PlotsPanel) -> bool {
+        self.plots == other.plots
+    }
+
+    /// Every plotted curve once, with its name.
+    fn plotted<'a>(&'a self, session: &'a Session) -> Vec<(&'a str, Curve<'a>)> {
+        let mut curves: Vec<(&str, Curve<'_>)> = Vec::new();
+        for name in self.plots.iter().flat_map(|plot| &plot.curves) {
+            if !curves.iter().any(|(known, _)| known == name)
+                && let Some(curve) = session.curve(name)
+            {
+                curves.push((name, curve));
+            }
+        }
+        curves
     }
 
     /// Height that lets all plots fit, if it is not too low.
@@ -238,75 +263,83 @@ impl PlotsPanel {
         let from = (at - self.window_s / 2.0).clamp(start, end - self.window_s);
         (from, from + self.window_s)
     }
+}
 
-    /// The plotted quantities of a time range: a line a cycle.
-    fn csv(&self, session: &Session, (from, to): (f64, f64)) -> String {
-        let mut quantities: Vec<&PlottedQuantity> = Vec::new();
-        for (quantity, _) in self.plots.iter().flat_map(PlotConfig::quantities) {
-            if !quantities.contains(&quantity) {
-                quantities.push(quantity);
-            }
-        }
-        let names = quantities.iter().map(|quantity| {
-            let unit = quantity.unit;
-            format!(",{} ({unit})", quantity.name)
+/// A plot's curves as they are drawn. A name of another version is left out.
+fn plotted_curves<'a>(plot: &'a PlotConfig, session: &'a Session) -> Vec<PlottedCurve<'a>> {
+    let curves = plot.colours().filter_map(|(name, colour)| {
+        let quantity = PlottedQuantity::named(name);
+        let others = session.other_runs().filter_map(|(run, series)| {
+            quantity.map(|quantity| (run, Curve::Quantity(series, quantity)))
         });
-        let mut text = format!("time (s){}\n", names.collect::<String>());
-        for sample in session.series.between(from, to) {
-            text += &format!("{:.6}", sample.time);
-            for quantity in &quantities {
-                let value = quantity.of(sample);
-                // An empty field, as in the CSV files of other commands.
-                text += &if value.is_finite() {
-                    format!(",{value}")
-                } else {
-                    ",".to_owned()
-                };
-            }
-            text.push('\n');
-        }
-        text
-    }
+        Some(PlottedCurve {
+            name,
+            unit: unit_of(name),
+            colour,
+            curve: session.curve(name)?,
+            others: others.collect(),
+        })
+    });
+    curves.collect()
 }
 
 /// A change of a plot.
 enum Change {
     Kind(PlotKind),
     Logarithmic(bool),
-    AddCurve(&'static str),
-    RemoveCurve(&'static str),
+    AddCurve(String),
+    RemoveCurve(String),
+    AddThreshold(f64),
+    RemoveThreshold(f64),
     RemovePlot,
 }
 
-/// A field to type in, and the quantities whose name or unit contains it. Returns the chosen one.
-fn search_quantity(ui: &mut Ui, search: &mut String) -> Option<&'static str> {
-    let field = ui
-        .add(egui::TextEdit::singleline(search).hint_text("quantity"))
-        .with_accessible_label("name of a quantity");
-    let words = search.to_lowercase();
-    let found = CATALOGUE.iter().filter(|quantity| {
-        let text = format!("{} {}", quantity.name, quantity.unit).to_lowercase();
-        words.split_whitespace().all(|word| text.contains(word))
+/// A curve's name and value, which opens its menu.
+fn curve_menu(ui: &mut Ui, session: &Session, name: &str, colour: Color32) -> Option<Change> {
+    let at = session.hovered_time.unwrap_or(session.playback.time);
+    let curve = session.curve(name);
+    let value = curve.map_or(f64::NAN, |curve| curve.at(at));
+    let text = curve.and_then(|curve| curve.text(value).map(str::to_owned));
+    let value = text.unwrap_or_else(|| match (value.is_finite(), unit_of(name)) {
+        (true, unit) => format!("{} {unit}", short(value)).trim_end().to_owned(),
+        (false, _) => "-".to_owned(),
     });
-    let entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
-    let mut chosen = found
-        .clone()
-        .next()
-        .filter(|_| entered)
-        .map(|first| first.name);
-    egui::ScrollArea::vertical()
-        .max_height(240.0)
-        .show(ui, |ui| {
-            for quantity in found {
-                let text = format!("{} ({})", quantity.name, quantity.unit);
-                if ui.button(text).clicked() {
-                    chosen = Some(quantity.name);
-                }
-            }
-        });
-    if chosen.is_some() {
-        search.clear();
-        ui.close();
+    let state = session.curves.state(name);
+    let shown = match &state {
+        CurveState::Failed(reason) => format!("{name}: {reason}"),
+        _ => format!("{name} {value}"),
+    };
+    let shown = RichText::new(shown).color(colour).small();
+    let mut change = None;
+    ui.menu_button(shown, |ui| {
+        if ui.button("Remove the curve").clicked() {
+            change = Some(Change::RemoveCurve(name.to_owned()));
+        }
+        if ui.button("Copy the value").clicked() {
+            ui.ctx().copy_text(value);
+        }
+        if ui.button("Copy the name").clicked() {
+            ui.ctx().copy_text(name.to_owned());
+        }
+    });
+    if state == CurveState::Reading {
+        ui.spinner();
     }
-    chosen
+    change
+}
+
+/// Adds and removes thresholds.
+fn threshold_menu(ui: &mut Ui, plot: &PlotConfig, value: &mut f64) -> Option<Change> {
+    let mut change = None;
+    ui.add(egui::DragValue::new(value).speed(0.1))
+        .with_accessible_label("value of the threshold");
+    if ui.button("Add").clicked() {
+        change = Some(Change::AddThreshold(*value));
+    }
+    for threshold in &plot.thresholds {
+        if ui.button(format!("Remove {}", short(*threshold))).clicked() {
+            change = Some(Change::RemoveThreshold(*threshold));
+        }
+    }
+    change
 }

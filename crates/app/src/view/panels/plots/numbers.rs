@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::view::time_series::{CycleMetrics, TimeSeries};
+use crate::view::curves::Curve;
 
 /// Points of a curve: time and value.
 pub(super) type Points = Vec<[f64; 2]>;
@@ -16,28 +16,35 @@ const TAIL: f64 = 0.01;
 
 /// The curve's points, at most about `points_max`: minimum and maximum of equal chunks of samples.
 pub(super) fn thinned_curve(
-    series: &TimeSeries,
+    curve: Curve<'_>,
     (from, to): (f64, f64),
-    value: impl Fn(&CycleMetrics) -> f64,
+    scaled: impl Fn(f64) -> f64,
     points_max: usize,
 ) -> Points {
-    let samples = series.between(from, to);
-    let point = |sample: &CycleMetrics| [sample.time, value(sample)];
-    if samples.len() <= points_max {
-        let points = samples.iter().map(point);
+    let range = curve.between(from, to);
+    let point = |index: usize| {
+        let [time, value] = curve.point(index);
+        [time, scaled(value)]
+    };
+    if range.len() <= points_max {
+        let points = range.map(point);
         return points.filter(|[_, value]| value.is_finite()).collect();
     }
-    let share = samples.len().div_ceil(points_max / 2);
+    let share = range.len().div_ceil(points_max / 2);
     let mut points = Vec::with_capacity(points_max);
-    for chunk in samples.chunks(share) {
-        let finite = chunk
-            .iter()
-            .map(point)
-            .filter(|[_, value]| value.is_finite());
-        let least = finite.clone().min_by(|a, b| a[1].total_cmp(&b[1]));
-        let most = finite.max_by(|a, b| a[1].total_cmp(&b[1]));
-        if let (Some(least), Some(most)) = (least, most) {
-            let mut pair = [least, most];
+    for start in range.clone().step_by(share) {
+        let chunk = (start..(start + share).min(range.end)).map(point);
+        let mut pair: Option<[[f64; 2]; 2]> = None;
+        for at in chunk.filter(|[_, value]| value.is_finite()) {
+            let [least, most] = pair.get_or_insert([at, at]);
+            if at[1] < least[1] {
+                *least = at;
+            }
+            if at[1] > most[1] {
+                *most = at;
+            }
+        }
+        if let Some(mut pair) = pair {
             pair.sort_by(|a, b| a[0].total_cmp(&b[0]));
             points.extend(pair);
         }
@@ -115,9 +122,10 @@ pub(super) fn spectrum(points: &[[f64; 2]]) -> Points {
         .collect()
 }
 
-/// A number with about four digits.
+/// A number with about four digits; `-` for NaN.
 pub(super) fn short(value: f64) -> String {
     match value.abs() {
+        size if size.is_nan() => "-".to_owned(),
         size if size >= 1000.0 => format!("{value:.0}"),
         size if size >= 10.0 => format!("{value:.1}"),
         size if size >= 0.1 || size == 0.0 => format!("{value:.2}"),

@@ -1,5 +1,10 @@
 //! Drives the view without a window: finds widgets by their label and clicks them.
 
+mod curves;
+mod panels;
+mod runs;
+mod workspace;
+
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
@@ -354,30 +359,6 @@ fn simulation_worker_applies_a_kidnap() {
         assert!(started.elapsed() < TIMEOUT, "timeout: kidnap");
         std::thread::sleep(Duration::from_millis(5));
     }
-}
-
-#[test]
-fn quantity_is_found_by_typing_and_plotted() {
-    let mut harness = open_demo_log(PanelLayout::Watch);
-    harness.get_by_label("Add plot").click();
-    harness.run_steps(2);
-    harness.get_by_label("name of a quantity").focus();
-    harness.run_steps(1);
-    harness
-        .get_by_label("name of a quantity")
-        .type_text("markings seen");
-    harness.run_steps(2);
-    harness.get_by_label("markings seen (%)").click();
-    harness.run_steps(3);
-    let shown = |harness: &Harness<'_, View>| {
-        harness
-            .query_all_by(|node| {
-                node.label()
-                    .is_some_and(|label| label.starts_with("markings seen"))
-            })
-            .count()
-    };
-    assert!(shown(&harness) > 0, "a curve with its value");
 }
 
 #[test]

@@ -4,10 +4,10 @@ use crate::view::time_series::{CycleMetrics, Quantity};
 
 /// A quantity as it is plotted.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct PlottedQuantity {
-    pub(super) name: &'static str,
-    pub(super) unit: &'static str,
-    pub(super) quantity: Quantity,
+pub(crate) struct PlottedQuantity {
+    pub(crate) name: &'static str,
+    pub(crate) unit: &'static str,
+    pub(crate) quantity: Quantity,
     scale: f32,
 }
 
@@ -22,18 +22,18 @@ impl PlottedQuantity {
     }
 
     /// Its value in its unit; NaN if not available.
-    pub(super) fn of(&self, metrics: &CycleMetrics) -> f64 {
+    pub(crate) fn of(&self, metrics: &CycleMetrics) -> f64 {
         f64::from(metrics.value(self.quantity) * self.scale)
     }
 
     /// The quantity of a name.
-    pub(super) fn named(name: &str) -> Option<&'static PlottedQuantity> {
+    pub(crate) fn named(name: &str) -> Option<&'static PlottedQuantity> {
         CATALOGUE.iter().find(|quantity| quantity.name == name)
     }
 }
 
 /// All quantities, in menu order.
-pub(super) const CATALOGUE: [PlottedQuantity; 37] = [
+pub(crate) const CATALOGUE: [PlottedQuantity; 37] = [
     PlottedQuantity::new("position error", "cm", Quantity::PositionError, 100.0),
     PlottedQuantity::new("heading error", "°", Quantity::HeadingError, 1.0),
     PlottedQuantity::new("std x", "cm", Quantity::StdX, 100.0),
