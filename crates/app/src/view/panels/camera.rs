@@ -12,6 +12,7 @@ use vision::image::Image;
 
 use super::camera_drawing::{self, CameraCanvas};
 use super::camera_layers::CameraLayers;
+use super::projected_markings::ProjectedMarkings;
 use crate::view::birds_eye::BIRDS_EYE_SIDE_PX;
 use crate::view::brush::Tool;
 use crate::view::layer_worker::LayerSelection;
@@ -41,6 +42,7 @@ pub(crate) struct CameraPanel {
     scan_texture: LayerTexture,
     birds_eye_texture: LayerTexture,
     mask: LayerTexture,
+    projected: ProjectedMarkings,
     /// Rendered mask, and the key of its inputs.
     mask_image: Option<(MaskKey, Arc<ColorImage>)>,
 }
@@ -131,6 +133,9 @@ impl CameraPanel {
         fill_around(&painter, response.rect, covered, Color32::BLACK);
         self.draw_layers(ui, &painter, session, cycle, (&transform, size));
         if let Some(scene) = &session.scene {
+            if self.layers.field_lines && !self.birds_eye {
+                self.projected.update(scene, cycle);
+            }
             let visible = response.rect.intersect(transform.screen_rect(size));
             let clipped = painter.with_clip_rect(visible);
             let canvas = CameraCanvas {
@@ -139,6 +144,7 @@ impl CameraPanel {
                 scene,
                 cycle,
                 layers: &self.layers,
+                projected: &self.projected,
                 label_rects: RefCell::default(),
                 virtual_sensors: session
                     .rendered_layers

@@ -13,6 +13,7 @@ pub(crate) mod findings;
 pub(crate) mod health;
 pub(crate) mod parameters;
 pub(crate) mod plots;
+mod projected_markings;
 pub(crate) mod scene;
 mod scene_camera;
 pub(crate) mod simulator;
