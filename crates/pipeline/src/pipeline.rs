@@ -18,9 +18,11 @@ use vision::exposure::{AutoExposure, ExposureStatus};
 use vision::image_check::ImageCheck;
 use vision::objects::goals::GoalKind;
 use vision::process::{Detections, Vision};
+use vision::scan::pattern::ScanLines;
 
 use crate::config::PipelineConfig;
 use crate::cycle::{Cycle, Inputs, Timings};
+use crate::interlace::Interlace;
 use crate::observations::{correct_goals, object_observations};
 use crate::paths;
 use crate::sample::{CameraImage, ImageContent, Sample, SettingsChange, SourceImage};
@@ -51,6 +53,7 @@ use crate::warm_start::{StampedPose, WarmStart};
 /// ```
 pub struct Pipeline {
     vision: Option<Vision>,
+    interlace: Interlace,
     image_check: Option<ImageCheck>,
     exposure: Option<AutoExposure>,
     localizer: Localizer,
@@ -103,6 +106,7 @@ impl Pipeline {
         {
             localize.filter.camera_latency = timing.camera_latency;
         }
+        let interlace = Interlace::new(vision.scan.interlaced_points_min);
         let world = WorldModel::new(world, localize.matching.viewpoint_height);
         let mut image_check = None;
         let mut exposure = None;
@@ -126,6 +130,7 @@ impl Pipeline {
         localizer.set_map_origin_std(origin_std);
         Ok(Pipeline {
             vision: detector,
+            interlace,
             image_check,
             exposure,
             localizer,
@@ -272,6 +277,7 @@ impl Pipeline {
         if let Some(covariance) = &self.doubt {
             estimate.mark_setup_doubtful(covariance);
         }
+        self.interlace.update(&estimate);
         let observations = features
             .detections
             .as_ref()
@@ -373,12 +379,19 @@ impl Pipeline {
             return Err(fault.to_string());
         }
         let last = self.last_image.replace(stamp);
-        if light_jumped || last.is_some_and(|last| stamp - last > COLOUR_MODEL_MAX_GAP) {
+        let gap = last.map(|last| stamp - last);
+        if light_jumped || gap.is_some_and(|gap| gap > COLOUR_MODEL_MAX_GAP) {
             vision.reset_colour_model();
         }
-        vision
-            .process(&image.view())
-            .map_err(|error| error.to_string())
+        let lines = self.interlace.lines(gap);
+        let detections = vision
+            .process_with(&image.view(), lines)
+            .map_err(|error| error.to_string())?;
+        self.interlace.set_read(match detections.colours_learned {
+            true => ScanLines::All,
+            false => lines,
+        });
+        Ok(detections)
     }
 }
 

@@ -79,6 +79,10 @@ pub struct ScanConfig {
     /// Largest ground extent of a scanned pixel along the viewing direction, in line widths. A larger value adds far
     /// points of lower quality.
     pub pixel_footprint_max: f32,
+    /// Fewest line points expected of half of the scan lines at which only that half is read, in alternation, while the
+    /// pose is tracked without doubt. All lines are read otherwise, and in every image at 0. Half of the lines take
+    /// half of the time.
+    pub interlaced_points_min: usize,
 }
 
 impl Default for ScanConfig {
@@ -91,6 +95,7 @@ impl Default for ScanConfig {
             range_min: 0.25,
             range_max: 9.0,
             pixel_footprint_max: 2.0,
+            interlaced_points_min: 40,
         }
     }
 }

@@ -142,9 +142,17 @@ impl<'a> ImageView<'a> {
     }
 
     /// Red, green and blue of a pixel inside the image.
-    #[inline]
+    #[inline(always)]
     pub fn rgb(&self, column: usize, row: usize) -> [u8; 3] {
-        let native = self.native_channels(column, row);
+        if self.format == PixelFormat::Rgb8 {
+            return self.native_channels(column, row);
+        }
+        self.rgb_of_format(column, row)
+    }
+
+    /// As [`ImageView::rgb`]; separate, so that callers inline only the common RGB case.
+    fn rgb_of_format(&self, column: usize, row: usize) -> [u8; 3] {
+        let native = self.native_channels_of_format(column, row);
         if self.format.is_yuv() {
             yuv_to_rgb(native)
         } else {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use localize::robot::CameraConfig;
 use localize::{Field, Pose};
 use vision::overlay::marking_distance;
+use vision::scan::pattern::ScanLines;
 use vision::{Image, Mount, Profile, Vision, VisionConfig, VisionError, optics};
 
 #[derive(serde::Deserialize)]
@@ -131,6 +132,51 @@ fn processing_is_bit_reproducible() {
     let first = sample_vision().process(&image.view()).expect("detections");
     let second = sample_vision().process(&image.view()).expect("detections");
     assert_eq!(first, second);
+}
+
+#[test]
+fn interlaced_halves_have_all_points_together_and_about_half_each() {
+    let mut learned = sample_vision();
+    learned
+        .process(&image("003.jpg").view())
+        .expect("detections");
+    let image = image("004.jpg");
+    let points = |lines: ScanLines| {
+        let found = learned
+            .clone()
+            .process_with(&image.view(), lines)
+            .expect("detections");
+        assert!(!found.colours_learned);
+        let mut points: Vec<[u32; 2]> = found
+            .line_points
+            .iter()
+            .map(|point| point.position_px.map(f32::to_bits))
+            .collect();
+        points.sort_unstable();
+        (points, found.robots, found.ball)
+    };
+    let (all, robots, ball) = points(ScanLines::All);
+    let [even, odd] = [ScanLines::Even, ScanLines::Odd].map(points);
+    for half in [&even, &odd] {
+        let share = half.0.len() as f32 / all.len() as f32;
+        assert!((0.4..0.6).contains(&share), "{share}");
+        // Objects do not depend on the scan lines.
+        assert_eq!((&half.1, half.2), (&robots, ball));
+    }
+    let mut both = [even.0, odd.0].concat();
+    both.sort_unstable();
+    assert_eq!(both, all);
+}
+
+#[test]
+fn colours_are_learned_along_all_scan_lines() {
+    let image = image("003.jpg");
+    let all = sample_vision().process(&image.view()).expect("detections");
+    let half = sample_vision()
+        .process_with(&image.view(), ScanLines::Odd)
+        .expect("detections");
+    assert!(half.colours_learned);
+    assert_eq!(half, all);
 }
 
 #[test]

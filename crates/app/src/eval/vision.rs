@@ -137,6 +137,13 @@ const RATE_NAMES: [&str; 4] = [
     "robots found (4 m), %",
 ];
 
+/// A preset that reads all scan lines: points are scored image by image.
+fn settings(preset: &str) -> Result<PipelineConfig> {
+    let mut config = PipelineConfig::preset(preset)?;
+    config.vision.scan.interlaced_points_min = 0;
+    Ok(config)
+}
+
 fn run_recording(folder: &Path, preset: &str) -> Result<VisionRun> {
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let recording = Recording::open(folder, EXTERNAL_POINT_STD)?;
@@ -146,7 +153,7 @@ fn run_recording(folder: &Path, preset: &str) -> Result<VisionRun> {
         "{}: no truth.csv, or an empty one",
         folder.display()
     );
-    let mut pipeline = Pipeline::new(&setup, &PipelineConfig::preset(preset)?)?;
+    let mut pipeline = Pipeline::new(&setup, &settings(preset)?)?;
     let ends = truth.first().zip(truth.last());
     let mut run = VisionRun::new(ends.map_or(0.0, |(first, last)| last.stamp - first.stamp));
     for cycle in recording.filter_map(|sample| pipeline.process_sample(sample)) {
@@ -167,7 +174,7 @@ fn run_scenario(variant: &ScenarioVariant, seed: u64, preset: &str) -> Result<Vi
     let scenario = variant.scenario.as_deref().context("no scenario")?;
     let simulation = Simulation::with_overrides(scenario, &variant.set, Some(seed), None)?;
     let setup = simulation.setup()?;
-    let config = apply_overlay(&PipelineConfig::preset(preset)?, variant.config.clone())?;
+    let config = apply_overlay(&settings(preset)?, variant.config.clone())?;
     let mut pipeline = Pipeline::new(&setup, &config)?;
     let mut run = VisionRun::new(simulation.duration());
     let occlusions = simulation.sim().scenario().occlusions.clone();

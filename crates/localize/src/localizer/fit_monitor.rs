@@ -15,7 +15,8 @@ const MARKING_STEP: f32 = 0.25;
 const SIGHT_RANGE: f32 = 4.0;
 /// A marking's sample is seen if a line point lies this near: half a step and the error of a point, metres.
 const SEEN_DISTANCE: f32 = 0.25;
-/// The markings of every n-th image are counted.
+/// The markings of every n-th image are counted, by its points and those of the image before it: vision may read half of
+/// the scan lines in each.
 const SEEN_STRIDE: u32 = 5;
 /// Memory of the image figures, in images, and of wheels and compass, in steps.
 const IMAGES: f32 = 150.0;
@@ -57,6 +58,8 @@ pub(super) struct FitMonitor {
     on_markings: Mean,
     squared_residual: Mean,
     seen: Mean,
+    /// Points of the image before one whose markings are counted, on the field.
+    points_before: Vec<At<FieldFrame>>,
     image: u32,
     /// Pose at the start of the current step of the wheels.
     step_start: Option<Pose>,
@@ -75,6 +78,7 @@ impl FitMonitor {
             on_markings: Mean::default(),
             squared_residual: Mean::default(),
             seen: Mean::default(),
+            points_before: Vec::new(),
             image: 0,
             step_start: None,
             step: Tf::new(0.0, 0.0, 0.0),
@@ -119,6 +123,11 @@ impl FitMonitor {
                 self.seen.add(share, IMAGES / SEEN_STRIDE as f32);
             }
             self.image = self.image.wrapping_add(1);
+            self.points_before.clear();
+            if self.image.is_multiple_of(SEEN_STRIDE) {
+                let on_field = points.iter().map(|point| pose * point.at);
+                self.points_before.extend(on_field);
+            }
         }
         self.compare_step(pose);
         if let Some(heading) = heading
@@ -173,11 +182,10 @@ impl FitMonitor {
                 continue;
             }
             in_sight += 1;
-            let near = |point: &LinePoint| {
-                let (dx, dy) = (point.at.x - at.x, point.at.y - at.y);
-                dx * dx + dy * dy < SEEN_DISTANCE * SEEN_DISTANCE
-            };
-            seen += usize::from(points.iter().any(near));
+            let near = |dx: f32, dy: f32| dx * dx + dy * dy < SEEN_DISTANCE * SEEN_DISTANCE;
+            let here = |point: &LinePoint| near(point.at.x - at.x, point.at.y - at.y);
+            let before = |point: &At<FieldFrame>| near(point.x - marking.x, point.y - marking.y);
+            seen += usize::from(points.iter().any(here) || self.points_before.iter().any(before));
         }
         (in_sight >= 8).then(|| seen as f32 / in_sight as f32)
     }

@@ -20,7 +20,7 @@ const CHROMINANCE: [u8; 64] = [
 
 type Matrix = [[f32; BLOCK]; BLOCK];
 
-/// Steps of quantisation and their inverses, transposed as the coefficients are.
+/// Steps of quantisation and their inverses.
 struct Quantisation {
     step: Matrix,
     per_step: Matrix,
@@ -36,6 +36,8 @@ pub(crate) struct JpegCompression {
     /// Luminance of 16 rows, and the colour differences at half resolution.
     luma: Vec<f32>,
     chroma: [Vec<f32>; 2],
+    /// Colour differences of one row at full resolution.
+    chroma_row: [Vec<f32>; 2],
 }
 
 impl JpegCompression {
@@ -55,6 +57,7 @@ impl JpegCompression {
             inverse: transposed(&cosine),
             luma: Vec::new(),
             chroma: [Vec::new(), Vec::new()],
+            chroma_row: [Vec::new(), Vec::new()],
         }
     }
 
@@ -69,6 +72,9 @@ impl JpegCompression {
         self.luma.resize(SQUARE * stride, 0.0);
         for plane in &mut self.chroma {
             plane.resize(SQUARE * stride / 4, 0.0);
+        }
+        for row in &mut self.chroma_row {
+            row.resize(stride, 0.0);
         }
         for band in pixels.chunks_mut(SQUARE * width_px) {
             self.separate(band, width_px, stride);
@@ -106,36 +112,51 @@ impl JpegCompression {
         let [blue_plane, red_plane] = &mut self.chroma;
         blue_plane.fill(0.0);
         red_plane.fill(0.0);
+        let [blue_row, red_row] = &mut self.chroma_row;
+        let (blue_row, red_row) = (&mut blue_row[..stride], &mut red_row[..stride]);
         for row in 0..SQUARE {
             let pixels = &band[row.min(last_row) * width_px..][..width_px];
             let luma = &mut self.luma[row * stride..][..stride];
-            let half = stride / 2;
-            let from = row / 2 * half;
-            let blues = &mut blue_plane[from..from + half];
-            let reds = &mut red_plane[from..from + half];
-            for column in 0..stride {
-                let [red, green, blue] = pixels[column.min(width_px - 1)].map(f32::from);
+            let differences = blue_row.iter_mut().zip(&mut *red_row);
+            for ((luma, (blue_row, red_row)), pixel) in luma.iter_mut().zip(differences).zip(pixels)
+            {
+                let [red, green, blue] = pixel.map(f32::from);
                 let light = 0.299 * red + 0.587 * green + 0.114 * blue;
-                luma[column] = light - 128.0;
-                blues[column / 2] += (0.25 * 0.564) * (blue - light);
-                reds[column / 2] += (0.25 * 0.713) * (red - light);
+                *luma = light - 128.0;
+                (*blue_row, *red_row) = (blue - light, red - light);
+            }
+            for plane in [luma, &mut *blue_row, &mut *red_row] {
+                let last = plane[width_px - 1];
+                plane[width_px..].fill(last);
+            }
+            let half = row / 2 * (stride / 2)..(row / 2 + 1) * (stride / 2);
+            for (plane, differences, share) in [
+                (&mut blue_plane[half.clone()], &*blue_row, 0.25 * 0.564),
+                (&mut red_plane[half], &*red_row, 0.25 * 0.713),
+            ] {
+                for (sum, [left, right]) in plane.iter_mut().zip(differences.as_chunks().0) {
+                    *sum += share * (left + right);
+                }
             }
         }
     }
 
-    fn join(&self, band: &mut [[u8; 3]], width_px: usize, stride: usize) {
-        let [blue_plane, red_plane] = &self.chroma;
-        let byte = |value: f32| (value.clamp(0.0, 255.0) + 0.5) as u8;
+    fn join(&mut self, band: &mut [[u8; 3]], width_px: usize, stride: usize) {
+        // Adding 2²³ leaves the rounded value in the lowest bits, without the NaN check of a cast.
+        let byte = |value: f32| (value.clamp(0.0, 255.0) + 8_388_608.0).to_bits() as u8;
         for (row, pixels) in band.chunks_mut(width_px).enumerate() {
             let luma = &self.luma[row * stride..][..width_px];
-            let from = row / 2 * (stride / 2);
-            let (blues, reds) = (
-                &blue_plane[from..][..stride / 2],
-                &red_plane[from..][..stride / 2],
-            );
-            for (column, pixel) in pixels.iter_mut().enumerate() {
-                let light = luma[column] + 128.0;
-                let (blue, red) = (blues[column / 2], reds[column / 2]);
+            let half = row / 2 * (stride / 2)..(row / 2 + 1) * (stride / 2);
+            for (wide, plane) in self.chroma_row.iter_mut().zip(&self.chroma) {
+                let pairs = wide[..stride].as_chunks_mut().0;
+                for (pair, difference) in pairs.iter_mut().zip(&plane[half.clone()]) {
+                    *pair = [*difference; 2];
+                }
+            }
+            let [blues, reds] = &self.chroma_row;
+            let differences = blues.iter().zip(reds);
+            for ((pixel, luma), (blue, red)) in pixels.iter_mut().zip(luma).zip(differences) {
+                let light = luma + 128.0;
                 *pixel = [
                     byte(light + 1.402 * red),
                     byte(light - 0.344 * blue - 0.714 * red),
@@ -153,8 +174,8 @@ fn quantisation(table: &[u8; 64], quality: u8) -> Quantisation {
     } else {
         200.0 - 2.0 * quality
     };
-    let step: Matrix = std::array::from_fn(|column| {
-        std::array::from_fn(|row| {
+    let step: Matrix = std::array::from_fn(|row| {
+        std::array::from_fn(|column| {
             let base = f32::from(table[row * BLOCK + column]);
             ((base * percent + 50.0) / 100.0).floor().clamp(1.0, 255.0)
         })
@@ -165,7 +186,7 @@ fn quantisation(table: &[u8; 64], quality: u8) -> Quantisation {
     }
 }
 
-/// Transforms a block, rounds its coefficients to steps and transforms it back.
+/// Transforms a block, rounds its coefficients to steps and transforms it back. `inverse`: the cosines transposed.
 fn code_block(
     plane: &mut [f32],
     stride: usize,
@@ -179,7 +200,7 @@ fn code_block(
     for (row, values) in block.iter_mut().enumerate() {
         values.copy_from_slice(&plane[row * stride..][..BLOCK]);
     }
-    let mut coefficients = product(cosine, &transposed(&product(cosine, &block)));
+    let mut coefficients = product(&product(cosine, &block), inverse);
     for ((values, steps), per_steps) in coefficients
         .iter_mut()
         .zip(&quantisation.step)
@@ -189,7 +210,7 @@ fn code_block(
             *value = (*value * per + ROUND - ROUND) * step;
         }
     }
-    let block = product(inverse, &transposed(&product(inverse, &coefficients)));
+    let block = product(&product(inverse, &coefficients), cosine);
     for (row, values) in block.iter().enumerate() {
         plane[row * stride..][..BLOCK].copy_from_slice(values);
     }
@@ -206,7 +227,8 @@ fn product(left: &Matrix, right: &Matrix) -> Matrix {
         let mut sum = [0.0; BLOCK];
         for (weight, row) in weights.iter().zip(right) {
             for (sum, value) in sum.iter_mut().zip(row) {
-                *sum += weight * value;
+                // One rounding: exact on every processor, and a single instruction on those of robots.
+                *sum = weight.mul_add(*value, *sum);
             }
         }
         sum

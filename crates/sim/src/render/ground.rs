@@ -26,6 +26,8 @@ const LIGHT_MARGIN: f32 = 4.0;
 const LIGHT_CELL: f32 = 0.2;
 /// Light is looked up for every fourth ray and interpolated in between: neighbours in a bin are a pixel apart.
 const LIGHT_STRIDE: usize = 4;
+/// Most of these rays in a run, with the one beyond the last.
+const STRIDED_MAX: usize = RUN_PIXELS / LIGHT_STRIDE + 1;
 /// Of a run's lookups every eighth is asked for its displacement.
 const SHIFT_STRIDE: usize = 8;
 /// Light of byte 255.
@@ -485,9 +487,13 @@ impl Scratch {
         let count = self.count;
         let (x, y, rays) = (&x[..count], &y[..count], &rays[..count]);
         let (out_x, out_y) = (&mut self.x[..count], &mut self.y[..count]);
+        // Lookups first, so that the arithmetic vectorises.
         for i in 0..count {
             let ray = rays[i] as usize;
-            let (x, y) = (x[i] + shift_x[ray], y[i] + shift_y[ray]);
+            (out_x[i], out_y[i]) = (shift_x[ray], shift_y[ray]);
+        }
+        for i in 0..count {
+            let (x, y) = (x[i] + out_x[i], y[i] + out_y[i]);
             out_x[i] = pose.x + cos * x - sin * y;
             out_y[i] = pose.y + sin * x + cos * y;
         }
@@ -497,8 +503,8 @@ impl Scratch {
     fn transform_strided(&mut self, pose: Pose, sin_cos: (f32, f32), x: &[f32], y: &[f32]) {
         let last = x.len().min(y.len()).min(RUN_PIXELS) - 1;
         let count = last / LIGHT_STRIDE + 2;
-        let (mut few_x, mut few_y) = ([0.0; RUN_PIXELS], [0.0; RUN_PIXELS]);
-        for number in 0..count {
+        let (mut few_x, mut few_y) = ([0.0; STRIDED_MAX], [0.0; STRIDED_MAX]);
+        for number in 0..count.min(STRIDED_MAX) {
             let ray = (number * LIGHT_STRIDE).min(last);
             (few_x[number], few_y[number]) = (x[ray], y[ray]);
         }

@@ -13,10 +13,15 @@ const LEVEL_SLOPE: f32 = 1e-6;
 /// Rays that are moved at once.
 const LANES: usize = 64;
 
+/// Components of rays that are moved at once: origin, direction, slope, ground point, displacement.
+type Lanes = [[f32; LANES]; 10];
+
 /// The rays of one tile as they are during an image, level robot frame of the middle of the exposure.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct MovedRays {
     first: usize,
+    /// The rays of a run, before they are copied to the tile's.
+    lanes: Box<Lanes>,
     origin: [Vec<f32>; 3],
     direction: [Vec<f32>; 2],
     slope: Vec<f32>,
@@ -32,6 +37,7 @@ impl MovedRays {
         let empty = || vec![0.0; rays_max];
         MovedRays {
             first: 0,
+            lanes: Box::new([[0.0; LANES]; 10]),
             origin: [0; 3].map(|_| empty()),
             direction: [0; 2].map(|_| empty()),
             slope: empty(),
@@ -52,57 +58,20 @@ impl MovedRays {
         let rolls = transform.rotation[1].iter().any(|&change| change != 0.0);
         for start in tile.rays.clone().step_by(LANES) {
             let run = start..(start + LANES).min(tile.rays.end);
+            let own = run.start - self.first..run.end - self.first;
             if rolls {
-                self.move_run::<true>(rays, run, transform, ground);
+                move_run::<true>(rays, run, transform, ground, &mut self.lanes);
             } else {
-                self.move_run::<false>(rays, run, transform, ground);
+                move_run::<false>(rays, run, transform, ground, &mut self.lanes);
             }
+            self.keep_run(own);
         }
     }
 
-    /// Moves at most `LANES` rays. The results are arrays of their own, so that the compiler need not rule out that they
-    /// overlap the inputs, and vectorises. `ROLLS`: the rotation differs from row to row.
-    fn move_run<const ROLLS: bool>(
-        &mut self,
-        rays: &SortedRays,
-        run: Range<usize>,
-        transform: &RowTransform,
-        ground: [&[f32]; 2],
-    ) {
-        let count = run.len().min(LANES);
-        let own = run.start - self.first..run.start - self.first + count;
-        let [x0, y0, z0] =
-            [&rays.origin_x, &rays.origin_y, &rays.origin_z].map(|of| &of[run.clone()][..count]);
-        let [dx, dy] = [&rays.direction_x, &rays.direction_y].map(|of| &of[run.clone()][..count]);
-        let slopes = &rays.slope[run.clone()][..count];
-        let rows = &rays.row[run.clone()][..count];
-        let [rest_x, rest_y] = ground.map(|of| &of[run.clone()][..count]);
-        let mut out = [[0.0f32; LANES]; 10];
-        let [ox, oy, oz, tx, ty, slope, gx, gy, sx, sy] = &mut out;
-        let [m, n] = transform.rotation;
-        let [vx, vy] = transform.shift;
-        for i in 0..count {
-            let t = rows[i];
-            let r: [f32; 9] = std::array::from_fn(|k| if ROLLS { m[k] + t * n[k] } else { m[k] });
-            let (x, y, z) = (dx[i], dy[i], slopes[i]);
-            let (px, py, pz) = (
-                r[0] * x + r[1] * y + r[2] * z,
-                r[3] * x + r[4] * y + r[5] * z,
-                r[6] * x + r[7] * y + r[8] * z,
-            );
-            let per = 1.0 / (px * px + py * py).max(1e-12).sqrt();
-            (tx[i], ty[i], slope[i]) = (px * per, py * per, pz * per);
-            let (x, y, z) = (x0[i], y0[i], z0[i]);
-            ox[i] = r[0] * x + r[1] * y + r[2] * z + t * vx;
-            oy[i] = r[3] * x + r[4] * y + r[5] * z + t * vy;
-            oz[i] = r[6] * x + r[7] * y + r[8] * z;
-            let distance = (oz[i] / (-slope[i]).max(LEVEL_SLOPE)).min(RANGE_MAX);
-            gx[i] = ox[i] + distance * tx[i];
-            gy[i] = oy[i] + distance * ty[i];
-            sx[i] = gx[i] - rest_x[i];
-            sy[i] = gy[i] - rest_y[i];
-        }
-        let [ox, oy, oz, tx, ty, slope, gx, gy, sx, sy] = &out;
+    /// Copies the moved rays to these places of the tile.
+    fn keep_run(&mut self, own: Range<usize>) {
+        let count = own.len().min(LANES);
+        let [ox, oy, oz, tx, ty, slope, gx, gy, sx, sy] = &*self.lanes;
         for (values, moved) in self
             .origin
             .iter_mut()
@@ -138,5 +107,50 @@ impl MovedRays {
     /// Displacements of the tile's ground points, by the index of the ray in the tile.
     pub(super) fn shift(&self) -> [&[f32]; 2] {
         self.shift.each_ref().map(|of| &of[..])
+    }
+}
+
+/// Moves at most `LANES` rays. `ROLLS`: the rotation differs from row to row.
+///
+/// A function of its own with a buffer as an argument: the compiler knows that results do not overlap the inputs, and
+/// vectorises.
+#[inline(never)]
+fn move_run<const ROLLS: bool>(
+    rays: &SortedRays,
+    run: Range<usize>,
+    transform: &RowTransform,
+    ground: [&[f32]; 2],
+    out: &mut Lanes,
+) {
+    let count = run.len().min(LANES);
+    let [x0, y0, z0] =
+        [&rays.origin_x, &rays.origin_y, &rays.origin_z].map(|of| &of[run.clone()][..count]);
+    let [dx, dy] = [&rays.direction_x, &rays.direction_y].map(|of| &of[run.clone()][..count]);
+    let slopes = &rays.slope[run.clone()][..count];
+    let rows = &rays.row[run.clone()][..count];
+    let [rest_x, rest_y] = ground.map(|of| &of[run.clone()][..count]);
+    let [ox, oy, oz, tx, ty, slope, gx, gy, sx, sy] = out;
+    let [m, n] = transform.rotation;
+    let [vx, vy] = transform.shift;
+    for i in 0..count {
+        let t = rows[i];
+        let r: [f32; 9] = std::array::from_fn(|k| if ROLLS { m[k] + t * n[k] } else { m[k] });
+        let (x, y, z) = (dx[i], dy[i], slopes[i]);
+        let (px, py, pz) = (
+            r[0] * x + r[1] * y + r[2] * z,
+            r[3] * x + r[4] * y + r[5] * z,
+            r[6] * x + r[7] * y + r[8] * z,
+        );
+        let per = 1.0 / (px * px + py * py).max(1e-12).sqrt();
+        (tx[i], ty[i], slope[i]) = (px * per, py * per, pz * per);
+        let (x, y, z) = (x0[i], y0[i], z0[i]);
+        ox[i] = r[0] * x + r[1] * y + r[2] * z + t * vx;
+        oy[i] = r[3] * x + r[4] * y + r[5] * z + t * vy;
+        oz[i] = r[6] * x + r[7] * y + r[8] * z;
+        let distance = (oz[i] / (-slope[i]).max(LEVEL_SLOPE)).min(RANGE_MAX);
+        gx[i] = ox[i] + distance * tx[i];
+        gy[i] = oy[i] + distance * ty[i];
+        sx[i] = gx[i] - rest_x[i];
+        sy[i] = gy[i] - rest_y[i];
     }
 }

@@ -20,6 +20,7 @@ pub(super) struct Scatter {
     columns: usize,
     rows: usize,
     values: Vec<[f32; 4]>,
+    /// Sums of the pixels of `CELL` rows, by column.
     sums: Vec<[u32; 4]>,
     coarse: Vec<[f32; 4]>,
     /// Interpolated values of one image row, with one more at each end.
@@ -42,26 +43,24 @@ impl Scatter {
             .zip(self.values.chunks_mut(self.columns))
         {
             self.sums.clear();
-            self.sums.resize(self.columns, [0; 4]);
+            self.sums.resize(width_px, [0; 4]);
+            // Rows first: these loops vectorise, sums of neighbouring pixels do not.
             for row in rows.chunks(width_px) {
-                let (cells, rest) = row.as_chunks::<CELL>();
-                for (sum, cell) in self.sums.iter_mut().zip(cells) {
-                    for k in 0..4 {
-                        let [a, b, c, d] = cell.map(|pixel| u32::from(pixel[k]));
-                        sum[k] += a + b + c + d;
-                    }
-                }
-                if let (Some(sum), false) = (self.sums.last_mut(), rest.is_empty()) {
-                    // The last cell of a row may be narrower: its mean counts for the missing pixels.
-                    for pixel in rest {
-                        for (sum, light) in sum.iter_mut().zip(pixel) {
-                            *sum += u32::from(*light) * CELL as u32 / rest.len() as u32;
-                        }
-                    }
+                let sums = self.sums.as_flattened_mut();
+                for (sum, &light) in sums.iter_mut().zip(row.as_flattened()) {
+                    *sum += u32::from(light);
                 }
             }
-            let per = 1.0 / (CELL * (rows.len() / width_px)) as f32;
-            for (value, sum) in values.iter_mut().zip(&self.sums) {
+            let row_count = rows.len() / width_px;
+            // The last cell of a row may be narrower.
+            for (value, cell) in values.iter_mut().zip(self.sums.chunks(CELL)) {
+                let mut sum = [0; 4];
+                for pixel in cell {
+                    for k in 0..4 {
+                        sum[k] += pixel[k];
+                    }
+                }
+                let per = 1.0 / (cell.len() * row_count) as f32;
                 *value = sum.map(|sum| per * sum as f32);
             }
         }
@@ -129,20 +128,13 @@ impl Scatter {
 
     /// Adds the scattered light of a row of pixels that measure `colours` in even and odd columns.
     pub(super) fn add_to(&mut self, row: usize, colours: [usize; 2], light: &mut [f32]) {
-        let [even, odd] = colours.map(|colour| colour & 3);
         let values = self.row(row);
-        for (pixels, around) in light.chunks_mut(CELL).zip(values.windows(3)) {
-            let [left, own, right] = [around[0], around[1], around[2]];
-            let mix = |a: f32, b: f32, part: f32| a + part * (b - a);
-            let scattered: [f32; CELL] = [
-                mix(left[even], own[even], 0.625),
-                mix(left[odd], own[odd], 0.875),
-                mix(own[even], right[even], 0.125),
-                mix(own[odd], right[odd], 0.375),
-            ];
-            for (light, scattered) in pixels.iter_mut().zip(scattered) {
-                *light += scattered;
-            }
+        match colours {
+            [0, 1] => add_row::<0, 1>(values, light),
+            [1, 2] => add_row::<1, 2>(values, light),
+            [0, _] => add_row::<0, 0>(values, light),
+            [1, _] => add_row::<1, 1>(values, light),
+            _ => add_row::<2, 2>(values, light),
         }
     }
 
@@ -162,6 +154,32 @@ impl Scatter {
         self.row[0] = self.row[1];
         self.row[self.columns + 1] = self.row[self.columns];
         &self.row
+    }
+}
+
+/// Adds the interpolated values of a row to its pixels, which measure colour `EVEN` or `ODD`.
+fn add_row<const EVEN: usize, const ODD: usize>(values: &[[f32; 4]], light: &mut [f32]) {
+    /// Places of a cell's pixels between the two values around each.
+    const PARTS: [f32; CELL] = [0.625, 0.875, 0.125, 0.375];
+    let scattered = |around: &[[f32; 4]]| -> [f32; CELL] {
+        let [left, own, right] = [around[0], around[1], around[2]];
+        let before = [left[EVEN], left[ODD], own[EVEN], own[ODD]];
+        let after = [own[EVEN], own[ODD], right[EVEN], right[ODD]];
+        std::array::from_fn(|k| before[k] + PARTS[k] * (after[k] - before[k]))
+    };
+    let (cells, rest) = light.as_chunks_mut::<CELL>();
+    let mut windows = values.windows(3);
+    for (cell, around) in cells.iter_mut().zip(&mut windows) {
+        let scattered = scattered(around);
+        for k in 0..CELL {
+            cell[k] += scattered[k];
+        }
+    }
+    // The last cell of a row may be narrower. The zip above ends with the cells, before it takes another window.
+    if let Some(around) = windows.next() {
+        for (light, scattered) in rest.iter_mut().zip(scattered(around)) {
+            *light += scattered;
+        }
     }
 }
 

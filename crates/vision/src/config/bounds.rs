@@ -28,6 +28,12 @@ pub const VISION_BOUNDS: &[Bound] = &[
         1000.0,
         "smaller refuses every pixel",
     ),
+    bound(
+        "scan.interlaced_points_min",
+        0.0,
+        100_000.0,
+        "more points than any image gives",
+    ),
     bound("colours.learning_range_max", 0.01, 100.0, RANGE),
     bound(
         "colours.carpet_chroma_min",

@@ -8,13 +8,15 @@ use crate::config::LineConfig;
 use crate::lines::validator::{LineCandidate, LineValidator, ScanLineSlice, white_contrast};
 use crate::scan::brightness::BrightnessReader;
 use crate::scan::limits::ScanLimits;
-use crate::scan::pattern::{ScanPattern, ScanSample};
+use crate::scan::pattern::{ScanLines, ScanPattern, ScanSample};
 use crate::scan::peaks::{Peak, find_peaks};
 
 pub use crate::lines::result::{LinePointDetection, RejectedCandidate, RejectionReason};
 
 /// Brightness along the scan lines of one image.
 pub(crate) struct ScanReadout<'a> {
+    /// The scan lines that were read.
+    pub(crate) lines: ScanLines,
     pub(crate) pattern: &'a ScanPattern,
     pub(crate) limits: &'a ScanLimits,
     /// Column and row of each sample, contiguous in memory.
@@ -43,7 +45,7 @@ struct ScanPeak {
     peak: Peak,
 }
 
-/// Finds line points along all scan lines.
+/// Finds line points along the scan lines that were read.
 ///
 /// Works in passes over all peaks: their data is scattered in memory, and loads of several peaks overlap only in loops
 /// that do little else.
@@ -64,6 +66,9 @@ pub(crate) fn detect_line_points(
     found.clear();
     let segments = &readout.pattern.segments;
     for (number, segment) in segments.iter().enumerate() {
+        if !readout.lines.contains(segment) {
+            continue;
+        }
         let end = readout
             .limits
             .segment_end(number, segments, validator.carpet_end);

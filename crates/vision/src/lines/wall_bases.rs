@@ -18,15 +18,15 @@ const BLUR_SAMPLES: usize = 3;
 /// Consecutive samples that confirm carpet or white.
 const CONFIRMING_SAMPLES: usize = 2;
 
-/// Adds base points of walls along all scan lines.
+/// Adds base points of walls along the scan lines that were read.
 pub(crate) fn detect_wall_bases(
     readout: &ScanReadout<'_>,
     validator: &LineValidator<'_>,
     points: &mut Vec<LinePointDetection>,
 ) {
     let mut values = vec![0; readout.pattern.longest_segment()];
-    for segment in &readout.pattern.segments {
-        let range = segment.start as usize..segment.end as usize;
+    for segment in readout.pattern.segments_of(readout.lines) {
+        let range = segment.samples();
         let values = &mut values[..range.len()];
         readout.brightness.gather(range.clone(), values);
         let samples = &readout.pattern.samples[range];

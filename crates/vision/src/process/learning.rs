@@ -6,6 +6,7 @@ use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::error::VisionError;
 use crate::image::{ImageView, PixelFormat, rgb_to_yuv, yuv_to_rgb};
 use crate::lines::detection::{LinePointDetection, peak_thresholds};
+use crate::scan::pattern::ScanLines;
 
 use super::Vision;
 use super::colour_model::ColourModel;
@@ -50,11 +51,12 @@ impl Vision {
         });
         let model = model.ok_or(too_dark)?;
         let mut colour_model = self.build_colour_model(model, image.format);
-        let mut share = self.read_scan(image, &colour_model);
-        self.measure_noise(image, &mut colour_model);
+        let lines = ScanLines::All;
+        let mut share = self.read_scan(image, &colour_model, lines);
+        self.measure_noise(image, &mut colour_model, lines);
         let mut detections = Detections::default();
         self.find_carpet_ends(&mut detections);
-        self.detect_lines(image, &colour_model, &mut detections);
+        self.detect_lines(image, &colour_model, lines, &mut detections);
         if let Some(white) = estimate_white(image, &detections) {
             colour_model = self.build_colour_model(
                 colour_model
@@ -62,8 +64,8 @@ impl Vision {
                     .with_white(white, colour_model.brightness_noise),
                 image.format,
             );
-            share = self.read_scan(image, &colour_model);
-            self.measure_noise(image, &mut colour_model);
+            share = self.read_scan(image, &colour_model, lines);
+            self.measure_noise(image, &mut colour_model, lines);
         }
         colour_model.learned_carpet_share = share;
         Ok((colour_model, share))
@@ -115,6 +117,7 @@ impl Vision {
         &mut self,
         image: &ImageView<'_>,
         colour_model: &mut ColourModel,
+        lines: ScanLines,
         detections: &Detections,
     ) {
         let config = &self.config.colours.adaptation;
@@ -148,13 +151,19 @@ impl Vision {
             );
             colour_model.channel_weights = quantize_weights(&model);
             colour_model.carpet_model = model;
-            self.measure_noise(image, colour_model);
+            self.measure_noise(image, colour_model, lines);
         }
     }
 
-    fn measure_noise(&mut self, image: &ImageView<'_>, colour_model: &mut ColourModel) {
+    /// `lines`: those whose brightness was read from the image.
+    fn measure_noise(
+        &mut self,
+        image: &ImageView<'_>,
+        colour_model: &mut ColourModel,
+        lines: ScanLines,
+    ) {
         self.classify_all_samples(image, &colour_model.lookup_table);
-        colour_model.brightness_noise = self.estimate_noise();
+        colour_model.brightness_noise = self.estimate_noise(lines);
         peak_thresholds(
             &self.pattern,
             &colour_model.carpet_model,
@@ -166,11 +175,11 @@ impl Vision {
     }
 
     /// Standard deviation of the brightness on plain carpet, from the median difference along scan lines (robust to edges).
-    fn estimate_noise(&self) -> f32 {
+    fn estimate_noise(&self, lines: ScanLines) -> f32 {
         let mut counts = [0u32; 256];
         let mut values = vec![0; self.pattern.longest_segment()];
-        for segment in &self.pattern.segments {
-            let range = segment.start as usize..segment.end as usize;
+        for segment in self.pattern.segments_of(lines) {
+            let range = segment.samples();
             let values = &mut values[..range.len()];
             self.brightness.gather(range.clone(), values);
             let pairs = values.windows(1 + NOISE_LAG);

@@ -26,7 +26,7 @@ use crate::objects::virtual_sensors::VirtualSensors;
 use crate::optics::ground_map::GroundMap;
 use crate::scan::brightness::BrightnessReader;
 use crate::scan::limits::ScanLimits;
-use crate::scan::pattern::ScanPattern;
+use crate::scan::pattern::{ScanLines, ScanPattern};
 use localize::config::{SettingError, bound};
 use localize::robot::CameraConfig;
 
@@ -42,6 +42,8 @@ const BAND_ROWS: usize = 4;
 
 /// An image read along scan lines and rays, before lines and objects are sought.
 struct ScannedImage {
+    /// The scan lines that were read.
+    lines: ScanLines,
     colour_model: ColourModel,
     carpet_ends: Vec<CarpetEnd>,
     /// Carpet ends, carpet share and `colours_learned` are set.
@@ -133,7 +135,7 @@ impl Vision {
             .collect();
         Ok(Vision {
             map: map.clone(),
-            brightness: BrightnessReader::new(&pixels, map.width_px, map.height_px),
+            brightness: BrightnessReader::new(&pattern, map.width_px, map.height_px),
             scan_limits: ScanLimits::new(&pattern, radial_scan.count()),
             sample_classifier: PixelClassifier::new(&pixels, map.height_px),
             subsample_classes: vec![ColourClass::OTHER; subsample.len()],
@@ -201,35 +203,60 @@ impl Vision {
 
     /// Detects lines and objects. Learns the colour model first if there is none or the light has changed much.
     pub fn process(&mut self, image: &ImageView<'_>) -> Result<Detections, VisionError> {
+        self.process_with(image, ScanLines::All)
+    }
+
+    /// As [`Vision::process`], but reads these scan lines only: half of the line points in half of their time. An image
+    /// from which colours are learned is read along all lines.
+    pub fn process_with(
+        &mut self,
+        image: &ImageView<'_>,
+        lines: ScanLines,
+    ) -> Result<Detections, VisionError> {
         let ScannedImage {
+            lines,
             mut colour_model,
             carpet_ends,
             mut detections,
-        } = self.scan_image(image)?;
-        self.detect_lines(image, &colour_model, &mut detections);
+        } = self.scan_image(image, lines)?;
+        self.detect_lines(image, &colour_model, lines, &mut detections);
         self.detect_objects(image, &colour_model, &carpet_ends, &mut detections);
-        self.adapt_colours(image, &mut colour_model, &detections);
-        self.detect_wall_bases(image, &colour_model, &mut detections);
+        self.adapt_colours(image, &mut colour_model, lines, &detections);
+        self.detect_wall_bases(image, &colour_model, lines, &mut detections);
         self.colour_model = Some(colour_model);
         Ok(detections)
     }
 
-    /// As [`Vision::process`], but detects line points only, as localization needs.
-    pub fn process_lines(&mut self, image: &ImageView<'_>) -> Result<Detections, VisionError> {
+    /// As [`Vision::process_with`], but detects line points only, as localization needs.
+    pub fn process_lines_with(
+        &mut self,
+        image: &ImageView<'_>,
+        lines: ScanLines,
+    ) -> Result<Detections, VisionError> {
         let ScannedImage {
+            lines,
             mut colour_model,
             mut detections,
             ..
-        } = self.scan_image(image)?;
-        self.detect_lines(image, &colour_model, &mut detections);
-        self.adapt_colours(image, &mut colour_model, &detections);
-        self.detect_wall_bases(image, &colour_model, &mut detections);
+        } = self.scan_image(image, lines)?;
+        self.detect_lines(image, &colour_model, lines, &mut detections);
+        self.adapt_colours(image, &mut colour_model, lines, &detections);
+        self.detect_wall_bases(image, &colour_model, lines, &mut detections);
         self.colour_model = Some(colour_model);
         Ok(detections)
     }
 
+    /// Detects line points only, along all scan lines.
+    pub fn process_lines(&mut self, image: &ImageView<'_>) -> Result<Detections, VisionError> {
+        self.process_lines_with(image, ScanLines::All)
+    }
+
     /// Reads brightness and classes with the present colour model, or with one learned from this image.
-    fn scan_image(&mut self, image: &ImageView<'_>) -> Result<ScannedImage, VisionError> {
+    fn scan_image(
+        &mut self,
+        image: &ImageView<'_>,
+        lines: ScanLines,
+    ) -> Result<ScannedImage, VisionError> {
         image.check(self.map.width_px, self.map.height_px)?;
         let mut detections = Detections::default();
         // Without a line the model is unreliable: it may be of a hand in front of the camera or of a dark corner.
@@ -238,23 +265,25 @@ impl Vision {
         });
         let usable = match colour_model {
             Some(colour_model) => {
-                let share = self.read_scan(image, &colour_model);
+                let share = self.read_scan(image, &colour_model, lines);
                 (share
                     >= self.config.colours.relearn_carpet_share * colour_model.learned_carpet_share)
                     .then_some((colour_model, share))
             }
             None => None,
         };
-        let (colour_model, share) = match usable {
-            Some(usable) => usable,
+        let (colour_model, share, lines) = match usable {
+            Some((colour_model, share)) => (colour_model, share, lines),
             None => {
                 detections.colours_learned = true;
-                self.learn_colour_model(image)?
+                let (colour_model, share) = self.learn_colour_model(image)?;
+                (colour_model, share, ScanLines::All)
             }
         };
         detections.carpet_share = share;
         let carpet_ends = self.find_carpet_ends(&mut detections);
         Ok(ScannedImage {
+            lines,
             colour_model,
             carpet_ends,
             detections,
@@ -262,12 +291,17 @@ impl Vision {
     }
 
     /// Reads brightness and rays; returns the fraction of samples that are carpet.
-    fn read_scan(&mut self, image: &ImageView<'_>, colour_model: &ColourModel) -> f32 {
+    fn read_scan(
+        &mut self,
+        image: &ImageView<'_>,
+        colour_model: &ColourModel,
+        lines: ScanLines,
+    ) -> f32 {
         let classes = &mut self.subsample_classes;
         for start in (0..image.height_px).step_by(BAND_ROWS) {
             let rows = start..(start + BAND_ROWS).min(image.height_px);
             self.brightness
-                .read(image, colour_model.channel_weights, &rows);
+                .read(image, colour_model.channel_weights, lines, &rows);
             self.subsample_classifier.classify_rows(
                 image,
                 &colour_model.lookup_table,
@@ -366,6 +400,7 @@ impl Vision {
         &mut self,
         image: &ImageView<'_>,
         colour_model: &ColourModel,
+        lines: ScanLines,
         detections: &mut Detections,
     ) {
         let mut scratch = std::mem::take(&mut self.scratch);
@@ -375,7 +410,7 @@ impl Vision {
         );
         let validator = self.line_validator(image, colour_model, &detections.carpet_end);
         detect_line_points(
-            &self.scan_readout(),
+            &self.scan_readout(lines),
             &validator,
             &mut scratch,
             points,
@@ -389,20 +424,22 @@ impl Vision {
         &self,
         image: &ImageView<'_>,
         colour_model: &ColourModel,
+        lines: ScanLines,
         detections: &mut Detections,
     ) {
         if self.config.lines.detect_wall_bases {
             let validator = self.line_validator(image, colour_model, &detections.carpet_end);
             detect_wall_bases(
-                &self.scan_readout(),
+                &self.scan_readout(lines),
                 &validator,
                 &mut detections.line_points,
             );
         }
     }
 
-    fn scan_readout(&self) -> ScanReadout<'_> {
+    fn scan_readout(&self, lines: ScanLines) -> ScanReadout<'_> {
         ScanReadout {
+            lines,
             pattern: &self.pattern,
             limits: &self.scan_limits,
             pixels: &self.sample_pixels,

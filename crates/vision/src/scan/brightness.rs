@@ -6,12 +6,13 @@
 use std::ops::Range;
 
 use crate::image::{ImageView, PixelFormat};
+use crate::scan::pattern::{ScanLines, ScanPattern, ScanSample};
 
 /// Computes the samples' brightness row by row.
 #[derive(Debug, Clone)]
 pub(crate) struct BrightnessReader {
-    /// Row by row.
-    spans: Vec<RowSpan>,
+    /// Row by row, for all scan lines, the even and the odd ones.
+    spans: [Vec<RowSpan>; 3],
     /// Brightness of the spans' pixels, span after span.
     plane: Vec<u8>,
     /// Index of each sample in `plane`.
@@ -36,105 +37,118 @@ const SPAN_ALIGNMENT: usize = 4;
 const SPAN_GAP_MAX: usize = 32;
 
 impl BrightnessReader {
-    /// `places`: column and row of each sample in an image of this size.
-    pub(crate) fn new(pixels: &[[u16; 2]], width_px: usize, height_px: usize) -> Self {
-        let pixel = |&[u, v]: &[u16; 2]| usize::from(v) * width_px + usize::from(u);
-        let mut needed = vec![false; width_px * height_px];
-        for place in pixels {
-            needed[pixel(place)] = true;
-        }
-        let mut spans: Vec<RowSpan> = Vec::new();
-        for (row, needed) in needed.chunks_exact(width_px.max(1)).enumerate() {
-            let row_start = spans.len();
-            for (group, needed) in needed.chunks(SPAN_ALIGNMENT).enumerate() {
-                if !needed.contains(&true) {
-                    continue;
-                }
-                let (column, end) = (
-                    group * SPAN_ALIGNMENT,
-                    group * SPAN_ALIGNMENT + needed.len(),
-                );
-                match spans[row_start..].last_mut() {
-                    Some(last) if column <= last.column + last.width_px + SPAN_GAP_MAX => {
-                        last.width_px = end - last.column;
-                    }
-                    _ => spans.push(RowSpan {
-                        row,
-                        column,
-                        width_px: needed.len(),
-                        plane_start: 0,
-                    }),
+    /// The pattern's samples in an image of this size.
+    pub(crate) fn new(pattern: &ScanPattern, width_px: usize, height_px: usize) -> Self {
+        let pixel = |sample: &ScanSample| usize::from(sample.v) * width_px + usize::from(sample.u);
+        let mut spans = [ScanLines::All, ScanLines::Even, ScanLines::Odd].map(|lines| {
+            let mut needed = vec![false; width_px * height_px];
+            for segment in pattern.segments_of(lines) {
+                for sample in &pattern.samples[segment.samples()] {
+                    needed[pixel(sample)] = true;
                 }
             }
-        }
+            row_spans(&needed, width_px)
+        });
         let mut plane_index = vec![0u32; width_px * height_px];
         let mut length = 0;
-        for span in &mut spans {
-            span.plane_start = length as usize;
+        for span in &spans[ScanLines::All as usize] {
             let start = span.row * width_px + span.column;
             for place in &mut plane_index[start..start + span.width_px] {
                 *place = length;
                 length += 1;
             }
         }
+        // Spans of half of the lines lie within those of all: what they join, all of them join as well.
+        for span in spans.iter_mut().flatten() {
+            span.plane_start = plane_index[span.row * width_px + span.column] as usize;
+        }
+        let plane_indices = pattern
+            .samples
+            .iter()
+            .map(|sample| plane_index[pixel(sample)])
+            .collect();
         BrightnessReader {
             spans,
             plane: vec![0; length as usize],
-            plane_indices: pixels
-                .iter()
-                .map(|place| plane_index[pixel(place)])
-                .collect(),
+            plane_indices,
         }
     }
 
-    /// Weights the channels of all spans in these rows; weights of 256. The image must have been checked.
-    pub(crate) fn read(&mut self, image: &ImageView<'_>, weights: [u32; 3], rows: &Range<usize>) {
+    /// Weights the channels of the lines' spans in these rows; weights of 256. The image must have been checked.
+    pub(crate) fn read(
+        &mut self,
+        image: &ImageView<'_>,
+        weights: [u32; 3],
+        lines: ScanLines,
+        rows: &Range<usize>,
+    ) {
         let sum = ChannelWeights::new(weights, image.format);
+        let selection = &Selection { lines, rows };
         // Captured by value: a reference would be reloaded for each pixel.
         let three = move |&[r, g, b]: &[u8; 3]| sum.rgb(r, g, b);
         let yuv = move |y, u, v| sum.apply([y, u, v]);
         match image.format {
-            PixelFormat::Grey8 => {
-                self.weigh(image, sum, rows, move |&[y]: &[u8; 1]| [three(&[y; 3])])
-            }
-            PixelFormat::Rgb8 => self.weigh(image, sum, rows, move |rgb| [three(rgb)]),
+            PixelFormat::Grey8 => self.weigh(image, sum, selection, move |&[y]: &[u8; 1]| {
+                [three(&[y; 3])]
+            }),
+            PixelFormat::Rgb8 => self.weigh(image, sum, selection, move |rgb| [three(rgb)]),
             PixelFormat::Bgr8 => {
-                self.weigh(image, sum, rows, move |&[b, g, r]| [three(&[r, g, b])])
+                self.weigh(image, sum, selection, move |&[b, g, r]| [three(&[r, g, b])])
             }
             PixelFormat::Yuyv => {
-                self.weigh(image, sum, rows, move |&[y, u, z, v]| {
+                self.weigh(image, sum, selection, move |&[y, u, z, v]| {
                     [yuv(y, u, v), yuv(z, u, v)]
                 });
             }
             PixelFormat::Uyvy => {
-                self.weigh(image, sum, rows, move |&[u, y, v, z]| {
+                self.weigh(image, sum, selection, move |&[u, y, v, z]| {
                     [yuv(y, u, v), yuv(z, u, v)]
                 });
             }
-            PixelFormat::Yuv411 => self.weigh(image, sum, rows, move |&[u, a, b, v, c, d]| {
+            PixelFormat::Yuv411 => self.weigh(image, sum, selection, move |&[u, a, b, v, c, d]| {
                 [yuv(a, u, v), yuv(b, u, v), yuv(c, u, v), yuv(d, u, v)]
             }),
             PixelFormat::Nv12 => {
                 let both = |row| [row, image.height_px + row / 2];
                 let pair = move |&[y, z]: &[u8; 2], &[u, v]: &[u8; 2]| [yuv(y, u, v), yuv(z, u, v)];
-                self.weigh_pairs(image, sum, rows, both, pair);
+                self.weigh_pairs(image, sum, selection, both, pair);
             }
-            PixelFormat::BayerRggb => self.weigh_cells(image, sum, rows, |&[r, g], &[h, b]| {
-                BayerCell { r, g, h, b }
-            }),
-            PixelFormat::BayerBggr => self.weigh_cells(image, sum, rows, |&[b, g], &[h, r]| {
-                BayerCell { r, g, h, b }
-            }),
-            PixelFormat::BayerGrbg => self.weigh_cells(image, sum, rows, |&[g, r], &[b, h]| {
-                BayerCell { r, g, h, b }
-            }),
-            PixelFormat::BayerGbrg => self.weigh_cells(image, sum, rows, |&[g, b], &[r, h]| {
-                BayerCell { r, g, h, b }
-            }),
+            PixelFormat::BayerRggb => {
+                self.weigh_cells(image, sum, selection, |&[r, g], &[h, b]| BayerCell {
+                    r,
+                    g,
+                    h,
+                    b,
+                })
+            }
+            PixelFormat::BayerBggr => {
+                self.weigh_cells(image, sum, selection, |&[b, g], &[h, r]| BayerCell {
+                    r,
+                    g,
+                    h,
+                    b,
+                })
+            }
+            PixelFormat::BayerGrbg => {
+                self.weigh_cells(image, sum, selection, |&[g, r], &[b, h]| BayerCell {
+                    r,
+                    g,
+                    h,
+                    b,
+                })
+            }
+            PixelFormat::BayerGbrg => {
+                self.weigh_cells(image, sum, selection, |&[g, b], &[r, h]| BayerCell {
+                    r,
+                    g,
+                    h,
+                    b,
+                })
+            }
         }
     }
 
-    /// Brightness of a range of samples in the last image read.
+    /// Brightness of a range of samples in the last image read; their scan line must have been among those read.
     pub(crate) fn gather(&self, samples: Range<usize>, values: &mut [u8]) {
         // A local slice: `self` would be reloaded for each sample.
         let plane = self.plane.as_slice();
@@ -157,16 +171,21 @@ impl BrightnessReader {
         &mut self,
         image: &ImageView<'_>,
         sum: ChannelWeights,
-        rows: &Range<usize>,
+        selection: &Selection<'_>,
         weigh: impl Fn(&[u8; BYTES]) -> [u8; PIXELS],
     ) {
-        self.for_each_span(image, sum, rows, |span, values: &mut [[u8; PIXELS]]| {
-            let start = span.row * image.stride + span.column / PIXELS * BYTES;
-            let bytes = &image.data[start..start + BYTES * values.len()];
-            for (values, bytes) in values.iter_mut().zip(bytes.as_chunks().0) {
-                *values = weigh(bytes);
-            }
-        });
+        self.for_each_span(
+            image,
+            sum,
+            selection,
+            |span, values: &mut [[u8; PIXELS]]| {
+                let start = span.row * image.stride + span.column / PIXELS * BYTES;
+                let bytes = &image.data[start..start + BYTES * values.len()];
+                for (values, bytes) in values.iter_mut().zip(bytes.as_chunks().0) {
+                    *values = weigh(bytes);
+                }
+            },
+        );
     }
 
     /// Weights pairs of pixels whose bytes are in two rows of the data; `both` returns these rows.
@@ -174,11 +193,11 @@ impl BrightnessReader {
         &mut self,
         image: &ImageView<'_>,
         sum: ChannelWeights,
-        rows: &Range<usize>,
+        selection: &Selection<'_>,
         both: impl Fn(usize) -> [usize; 2],
         weigh: impl Fn(&[u8; 2], &[u8; 2]) -> [u8; 2],
     ) {
-        self.for_each_span(image, sum, rows, |span, values: &mut [[u8; 2]]| {
+        self.for_each_span(image, sum, selection, |span, values: &mut [[u8; 2]]| {
             let [first, second] = both(span.row).map(|row| {
                 let start = row * image.stride + span.column;
                 image.data[start..start + 2 * values.len()].as_chunks().0
@@ -194,7 +213,7 @@ impl BrightnessReader {
         &mut self,
         image: &ImageView<'_>,
         sum: ChannelWeights,
-        rows: &Range<usize>,
+        selection: &Selection<'_>,
         colours: impl Fn(&[u8; 2], &[u8; 2]) -> BayerCell,
     ) {
         // The last row of an odd height has no complete cell, see `ImageView::native_channels`.
@@ -203,24 +222,25 @@ impl BrightnessReader {
             let upper = (row & !1).min(last);
             [upper, (upper + 1).min(image.height_px - 1)]
         };
-        self.weigh_pairs(image, sum, rows, both, move |upper, lower| {
+        self.weigh_pairs(image, sum, selection, both, move |upper, lower| {
             let BayerCell { r, g, h, b } = colours(upper, lower);
             let green = (u16::from(g) + u16::from(h)) / 2;
             [sum.rgb(r, green as u8, b); 2]
         });
     }
 
-    /// Calls `weigh` with each span of these rows and its values, `PIXELS` at a time; weights the remaining pixels of
+    /// Calls `weigh` with each selected span and its values, `PIXELS` at a time; weights the remaining pixels of
     /// an odd row one by one.
     fn for_each_span<const PIXELS: usize>(
         &mut self,
         image: &ImageView<'_>,
         sum: ChannelWeights,
-        rows: &Range<usize>,
+        &Selection { lines, rows }: &Selection<'_>,
         mut weigh: impl FnMut(&RowSpan, &mut [[u8; PIXELS]]),
     ) {
-        let first = self.spans.partition_point(|it| it.row < rows.start);
-        let here = self.spans[first..].iter();
+        let spans = &self.spans[lines as usize];
+        let first = spans.partition_point(|it| it.row < rows.start);
+        let here = spans[first..].iter();
         for span in here.take_while(|it| it.row < rows.end) {
             let values = &mut self.plane[span.plane_start..span.plane_start + span.width_px];
             let (whole, left_over) = values.as_chunks_mut();
@@ -231,6 +251,41 @@ impl BrightnessReader {
             }
         }
     }
+}
+
+/// What is read at once.
+struct Selection<'a> {
+    lines: ScanLines,
+    rows: &'a Range<usize>,
+}
+
+/// Spans around the needed pixels, row by row. `plane_start` is not set yet.
+fn row_spans(needed: &[bool], width_px: usize) -> Vec<RowSpan> {
+    let mut spans: Vec<RowSpan> = Vec::new();
+    for (row, needed) in needed.chunks_exact(width_px.max(1)).enumerate() {
+        let row_start = spans.len();
+        for (group, needed) in needed.chunks(SPAN_ALIGNMENT).enumerate() {
+            if !needed.contains(&true) {
+                continue;
+            }
+            let (column, end) = (
+                group * SPAN_ALIGNMENT,
+                group * SPAN_ALIGNMENT + needed.len(),
+            );
+            match spans[row_start..].last_mut() {
+                Some(last) if column <= last.column + last.width_px + SPAN_GAP_MAX => {
+                    last.width_px = end - last.column;
+                }
+                _ => spans.push(RowSpan {
+                    row,
+                    column,
+                    width_px: needed.len(),
+                    plane_start: 0,
+                }),
+            }
+        }
+    }
+    spans
 }
 
 /// Red, both greens and blue of a 2 × 2 cell of the colour filter.

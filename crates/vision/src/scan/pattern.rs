@@ -3,6 +3,7 @@
 //! minho2016 section III: 72 radial lines every 5° and 36 spirals each way every 10°; lima2001 4.4: circles.
 
 use std::f32::consts::TAU;
+use std::ops::Range;
 
 use crate::config::ScanConfig;
 use crate::optics::ground_map::GroundMap;
@@ -32,6 +33,36 @@ pub struct ScanSegment {
     pub start: u32,
     /// One past the last.
     pub end: u32,
+}
+
+/// Which scan lines are read in an image.
+///
+/// The halves are interlaced: every second line of each kind, in both directions of rotation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ScanLines {
+    /// All of them.
+    #[default]
+    All,
+    /// The half with even numbers.
+    Even,
+    /// The half with odd numbers.
+    Odd,
+}
+
+impl ScanLines {
+    /// True if this selection contains the segment's scan line.
+    pub fn contains(self, segment: &ScanSegment) -> bool {
+        let number = match segment.kind {
+            ScanKind::Radial | ScanKind::Circle => segment.line_index,
+            // Two spirals start at the same azimuth, one in each direction of rotation.
+            ScanKind::Spiral => segment.line_index / 2,
+        };
+        match self {
+            ScanLines::All => true,
+            ScanLines::Even => number.is_multiple_of(2),
+            ScanLines::Odd => !number.is_multiple_of(2),
+        }
+    }
 }
 
 /// One sample: a pixel and its ground.
@@ -67,8 +98,9 @@ pub struct ScanPattern {
 }
 
 impl ScanSegment {
-    fn len(&self) -> usize {
-        (self.end - self.start) as usize
+    /// Indices of its samples.
+    pub(crate) fn samples(&self) -> Range<usize> {
+        self.start as usize..self.end as usize
     }
 }
 
@@ -139,9 +171,16 @@ impl ScanPattern {
     pub(crate) fn longest_segment(&self) -> usize {
         self.segments
             .iter()
-            .map(ScanSegment::len)
+            .map(|segment| segment.samples().len())
             .max()
             .unwrap_or(0)
+    }
+
+    /// The segments of these scan lines.
+    pub(crate) fn segments_of(&self, lines: ScanLines) -> impl Iterator<Item = &ScanSegment> {
+        self.segments
+            .iter()
+            .filter(move |segment| lines.contains(segment))
     }
 }
 

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use vision::image::{Image, ImageView, PixelFormat};
+use vision::scan::pattern::ScanLines;
 use vision::{Mount, Profile, Vision, optics};
 
 use super::measure::{CallTimes, Figures, REPEATS};
@@ -17,13 +18,14 @@ use pipeline::{Pipeline, PipelineConfig};
 /// Figures of `measure_vision`.
 pub(super) const NAMES: &[&str] = &[
     "see_lines_480",
+    "see_half_lines_480",
     "see_all_480",
     "see_new_light_480",
     "image_to_pose_480",
     "image_to_pose_480_p99",
 ];
 
-/// Times line points, all features, colour learning, and image to pose, over the images of a drive.
+/// Times line points (along all scan lines, and along half of them, as while a pose is tracked), all features, colour learning, and image to pose, over the images of a drive.
 pub(super) fn measure_vision(figures: &mut Figures) -> Result<()> {
     let folder = paths::find_resource("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
@@ -51,6 +53,11 @@ pub(super) fn measure_vision(figures: &mut Figures) -> Result<()> {
     };
     figures.time_calls("see_lines_480", "<= 0.15", REPEATS, || {
         drop(black_box(vision.process_lines(&next())))
+    });
+    let mut halves = [ScanLines::Even, ScanLines::Odd].into_iter().cycle();
+    figures.time_calls("see_half_lines_480", "<= 0.15", REPEATS, || {
+        let lines = halves.next().unwrap_or_default();
+        drop(black_box(vision.process_lines_with(&next(), lines)))
     });
     figures.time_calls("see_all_480", "<= 0.35", REPEATS, || {
         drop(black_box(vision.process(&next())))
