@@ -41,9 +41,13 @@ impl ImagePrefetch {
 
     /// Begins to decode the image of a cycle; not if the thread is busy.
     pub(super) fn request(&mut self, stamp: Stamp, image: &EncodedImage) {
-        if self.requested != Some(stamp) && self.jobs.try_send((stamp, image.clone())).is_ok() {
-            self.requested = Some(stamp);
+        if self.requested == Some(stamp) {
+            return;
         }
+        // What was decoded for a skipped cycle would fill the queue and stop the thread.
+        while self.results.try_recv().is_ok() {}
+        let sent = self.jobs.try_send((stamp, image.clone()));
+        self.requested = sent.is_ok().then_some(stamp);
     }
 
     /// The decoded image of a cycle, if it was requested.
@@ -59,5 +63,39 @@ impl ImagePrefetch {
                 return Some(image);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use pipeline::log::ImageCompression;
+
+    use super::*;
+
+    #[test]
+    fn skipped_images_do_not_stop_the_thread() {
+        let image = Image {
+            width_px: 8,
+            height_px: 8,
+            rgb: (0..192).collect(),
+        };
+        let encoded = EncodedImage::new(&image, ImageCompression::Png, 90);
+        let encoded = encoded.expect("encoded").expect("an image");
+        let mut prefetch = ImagePrefetch::start().expect("a thread");
+        for cycle in 0..50 {
+            prefetch.request(Stamp(cycle), &encoded);
+        }
+        // The thread may be busy with a skipped one.
+        let started = std::time::Instant::now();
+        let taken = loop {
+            prefetch.request(Stamp(99), &encoded);
+            if let Some(taken) = prefetch.take(Stamp(99)) {
+                break taken.expect("an image");
+            }
+            assert!(started.elapsed().as_secs() < 60, "the thread has stopped");
+            std::thread::yield_now();
+        };
+        assert_eq!(taken.rgb, image.rgb);
+        assert!(prefetch.take(Stamp(0)).is_none());
     }
 }
