@@ -223,9 +223,16 @@ class Simulation:
         """Pushes the robot: impulse along the field's x and y, N s."""
         self._core.push(impulse)
 
-    def place_ball(self, position: Numbers, *, velocity: Numbers = (0.0, 0.0)) -> None:
-        """Places the ball on the field (metres) with a velocity (m/s)."""
-        self._core.place_ball(position, velocity)
+    def place_ball(
+        self,
+        position: Numbers,
+        *,
+        velocity: Numbers = (0.0, 0.0),
+        height: float = 0.0,
+        vertical_velocity: float = 0.0,
+    ) -> None:
+        """Places the ball on the field (metres) with a velocity (m/s), its lowest point at a height, without spin."""
+        self._core.place_ball(position, velocity, height, vertical_velocity)
 
     def place_robot(self, index: int, pose: Numbers) -> None:
         """Moves another robot to a pose, at rest; `index` as in `TruthSample.robots`."""

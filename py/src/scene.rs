@@ -201,6 +201,7 @@ pub(crate) fn render<'py>(
             robots: &others,
             ball: ball.map(|[x, y]| SceneBall {
                 at: At::new(x, y),
+                height: 0.0,
                 diameter: ball_kind.diameter,
                 colour: ball_kind.colour,
             }),

@@ -8,6 +8,7 @@ use pipeline::sample::{GroundTruth, ImageContent, Sample, SourceImage};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use sim::world::BallState;
 
 use crate::arguments::{self, single, vector_within};
 use crate::cycle::Cycle;
@@ -95,15 +96,25 @@ impl Simulation {
         Ok(())
     }
 
-    /// Places the ball on the field (metres) with a velocity (m/s).
+    /// Places the ball on the field (metres) with a velocity (m/s), its lowest point at a height.
     fn place_ball(
         &mut self,
         position: &Bound<'_, PyAny>,
         velocity: &Bound<'_, PyAny>,
+        height: &Bound<'_, PyAny>,
+        vertical_velocity: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
+        let height = arguments::number_within("height", height, 0.0..=100.0)? as f32;
+        let speed =
+            arguments::number_within("vertical_velocity", vertical_velocity, -100.0..=100.0)?;
         let [x, y] = single(vector_within("position", position, FARTHEST)?);
         let velocity = single(vector_within("velocity", velocity, FASTEST)?);
-        self.0.sim_mut().place_ball(At::new(x, y), velocity);
+        self.0.sim_mut().set_ball_state(&BallState {
+            at: At::new(x, y),
+            velocity,
+            height,
+            vertical_velocity: speed as f32,
+        });
         Ok(())
     }
 

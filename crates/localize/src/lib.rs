@@ -50,6 +50,7 @@ pub mod localizer;
 
 pub mod setup_check;
 
+pub mod flight;
 pub mod team;
 pub mod world;
 

@@ -27,6 +27,7 @@ pub fn object_observations(
         score: ball.score,
         airborne: !ball.on_ground,
         team: None,
+        distance: ball.distance,
     });
     let robots = detections.robots.iter().map(|robot| ObjectObservation {
         at: robot.at,
@@ -34,6 +35,7 @@ pub fn object_observations(
         score: robot.score,
         airborne: false,
         team: robot.marker,
+        distance: None,
     });
     WorldObservation {
         ball: ball.map(correct),

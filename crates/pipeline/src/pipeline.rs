@@ -106,6 +106,7 @@ impl Pipeline {
         {
             localize.filter.camera_latency = timing.camera_latency;
         }
+        let team = TeamModel::new(team).with_flight(&world.flight);
         let interlace = Interlace::new(vision.scan.interlaced_points_min);
         let world = WorldModel::new(world, localize.matching.viewpoint_height);
         let mut image_check = None;
@@ -135,7 +136,7 @@ impl Pipeline {
             exposure,
             localizer,
             world,
-            team: TeamModel::new(team),
+            team,
             inputs: Inputs::default(),
             last_image: None,
             last_pose: None,

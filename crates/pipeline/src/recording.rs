@@ -344,6 +344,7 @@ fn read_truth(folder: &Path) -> Result<Vec<GroundTruth>> {
             stamp: parse_stamp(row)?,
             pose: Pose::new(x, y, theta),
             ball: None,
+            ball_height: 0.0,
             robots: Vec::new(),
             robot_headings: Vec::new(),
             people: Vec::new(),

@@ -25,6 +25,8 @@ pub struct GroundTruth {
     pub pose: Pose,
     /// The ball, if the source knows it.
     pub ball: Option<At<FieldFrame>>,
+    /// Height of the ball's lowest point above the ground, metres; 0 if the source does not know it.
+    pub ball_height: f32,
     /// Other robots, if the source knows them.
     pub robots: Vec<At<FieldFrame>>,
     /// Headings of `robots` on the field, radians, in the same order. Empty if unknown, as in a log.

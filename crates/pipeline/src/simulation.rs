@@ -262,6 +262,7 @@ pub(crate) fn sample_from_sim(sample: SimSample) -> Sample {
             stamp: truth.stamp,
             pose: truth.robot.pose,
             ball: truth.ball.map(|ball| ball.at),
+            ball_height: truth.ball.map_or(0.0, |ball| ball.height),
             robots: truth
                 .others
                 .iter()

@@ -5,14 +5,17 @@ use std::sync::Arc;
 use std::path::{Path, PathBuf};
 
 use localize::estimate::{Estimate, Fit, Mode, Reason};
+use localize::flight::{BallMotionMode, Landing};
 use localize::frames::At;
 use localize::global_search::branch_and_bound::Hypothesis;
 use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
 use localize::robot::ExposureSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
-use localize::team::{self, TeamBall, TeamReport, TeamView, Teammate};
-use localize::world::{FieldState, TeamColour, TrackedObject, WorldView};
+use localize::team::{self, TeamBall, TeamBallInSpace, TeamReport, TeamView, Teammate};
+use localize::world::{
+    AirborneState, BallInAir, BallSighting, FieldState, TeamColour, TrackedObject, WorldView,
+};
 use localize::{Field, Pose, Stamp};
 use nalgebra::{Matrix3, Matrix4};
 use rand::{RngExt, SeedableRng};
@@ -117,11 +120,13 @@ impl RandomValues {
                     last_seen: stamp,
                 }),
                 obstacles: vec![self.at()],
+                ball_sighting: Some(self.sighting()),
             }],
             truth: Some(GroundTruth {
                 stamp,
                 pose: self.pose(),
                 ball: Some(self.at()),
+                ball_height: self.value(),
                 robots: vec![self.at()],
                 robot_headings: Vec::new(),
                 people: Vec::new(),
@@ -162,6 +167,7 @@ impl RandomValues {
                 score: self.value(),
                 position_px: self.values(),
                 pixels: 99,
+                distance: Some(self.values()),
             }),
             robots: vec![RobotDetection {
                 at: self.at(),
@@ -185,6 +191,7 @@ impl RandomValues {
                 score: self.value(),
                 position_px: self.values(),
                 pixels: 7,
+                distance: None,
             }],
             goals: vec![GoalDetection {
                 kind: GoalKind::Post,
@@ -227,9 +234,16 @@ impl RandomValues {
             last_seen: stamp,
             team: [None, Some(TeamColour::Cyan), Some(TeamColour::Magenta)][number as usize % 3],
         };
+        let (ball, robots) = (Some(object(7)), vec![object(8), object(9)]);
         WorldView {
-            ball: Some(object(7)),
-            robots: vec![object(8), object(9)],
+            ball,
+            robots,
+            ball_in_air: number.is_multiple_of(2).then(|| BallInAir {
+                probability: self.value(),
+                from_robot: self.airborne(),
+                on_field: Some(self.airborne()),
+            }),
+            ball_sighting: Some(self.sighting()),
         }
     }
 
@@ -251,6 +265,35 @@ impl RandomValues {
                 })
                 .into(),
             half_log_odds: self.value(),
+            triangulated: Some(TeamBallInSpace {
+                mode: BallMotionMode::Flight,
+                state: self.airborne(),
+                inliers: vec![1, 2],
+                outliers: vec![3],
+            }),
+        }
+    }
+
+    fn sighting(&mut self) -> BallSighting {
+        BallSighting {
+            azimuth: self.value(),
+            elevation: self.value(),
+            std: self.values(),
+            viewpoint_height: self.value(),
+            distance: Some(self.values()),
+        }
+    }
+
+    fn airborne(&mut self) -> AirborneState {
+        AirborneState {
+            at: self.values(),
+            velocity: self.values(),
+            covariance: self.values(),
+            landing: Some(Landing {
+                after: self.value(),
+                at: self.values(),
+                covariance: self.values(),
+            }),
         }
     }
 

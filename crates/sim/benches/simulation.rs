@@ -88,6 +88,7 @@ fn image(c: &mut Criterion) {
                 motion: DRIVING,
                 ball: Some(SceneBall {
                     at: At::new(2.5, 1.5),
+                    height: 0.0,
                     diameter: 0.22,
                     colour: [245, 125, 20],
                 }),

@@ -13,7 +13,7 @@ pub(crate) struct BallFriction {
 }
 
 /// Mass over (moment of inertia / radius²) of a thin shell: 1 / (2/3).
-const SHELL_INERTIA_RATIO: f32 = 1.5;
+pub(crate) const SHELL_INERTIA_RATIO: f32 = 1.5;
 /// Slip below which a ball rolls, m/s: friction removes about that much in a step of 2 ms.
 const ROLLING_SLIP_MAX: f32 = 0.02;
 

@@ -22,6 +22,10 @@ const KICK_REACH: f32 = 0.42;
 const KICK_PAUSE: f32 = 1.0;
 /// Standard deviation of a kick's direction, radians (triangular distribution).
 const KICK_SPREAD: f32 = 0.25;
+/// Height of the ball's lowest point above which a kicker does not reach it, metres.
+const KICK_HEIGHT_MAX: f32 = 0.2;
+/// Angle from a robot's heading within which it can kick, radians.
+const KICK_HALF_ANGLE: f32 = 0.5;
 /// Distance outside the lines beyond which the ball is returned, metres.
 const THROW_IN_DISTANCE: f32 = 0.6;
 /// Distance of a goalkeeper from its goal line, metres.
@@ -32,6 +36,8 @@ pub(crate) struct TeamBehaviour {
     robots: Vec<RobotBehaviour>,
     speed: f32,
     kick_speed: f32,
+    lofted_share: f32,
+    loft: f32,
     half_length: f32,
     half_width: f32,
     goal_half_width: f32,
@@ -82,6 +88,8 @@ impl TeamBehaviour {
             robots,
             speed: config.speed,
             kick_speed: config.kick_speed,
+            lofted_share: config.lofted_share,
+            loft: config.loft_deg.to_radians(),
             half_length,
             half_width,
             goal_half_width: field.config.goal.width / 2.0,
@@ -103,7 +111,11 @@ impl TeamBehaviour {
                 !self.robots[index].keeper && is_nearest(&ball, &others, index, &self.robots);
             let kick = ball.and_then(|ball| self.kick(index, &own, &ball, rng));
             if let (Some(velocity), Some(ball)) = (kick, ball) {
-                world.place_ball(ball.at, velocity);
+                world.set_ball_state(&BallState {
+                    velocity: [velocity[0], velocity[1]],
+                    vertical_velocity: velocity[2],
+                    ..ball
+                });
             }
             let behaviour = &mut self.robots[index];
             behaviour.kick_cooldown = (behaviour.kick_cooldown - DECISION_PERIOD).max(0.0);
@@ -196,12 +208,9 @@ impl TeamBehaviour {
         own: &RobotState,
         ball: &BallState,
         rng: &mut ChaCha8Rng,
-    ) -> Option<[f32; 2]> {
+    ) -> Option<[f32; 3]> {
         let behaviour = &mut self.robots[index];
-        let reach = ball.at.distance_to(own.pose.origin());
-        let bearing = (ball.at.y - own.pose.y).atan2(ball.at.x - own.pose.x);
-        let faces = wrap_angle(bearing - own.pose.theta).abs() < 0.5;
-        if behaviour.stationary || behaviour.kick_cooldown > 0.0 || reach > KICK_REACH || !faces {
+        if behaviour.stationary || behaviour.kick_cooldown > 0.0 || !is_kickable(ball, own) {
             return None;
         }
         behaviour.kick_cooldown = KICK_PAUSE;
@@ -212,7 +221,13 @@ impl TeamBehaviour {
         let deviation = (rng.random::<f32>() - rng.random::<f32>()) * KICK_SPREAD * 2.4;
         let direction = own.pose.theta + off + deviation;
         let speed = self.kick_speed * (0.4 + 0.6 * rng.random::<f32>());
-        Some([speed * direction.cos(), speed * direction.sin()])
+        // No number is drawn where all kicks stay on the ground.
+        let lofted = self.lofted_share > 0.0 && rng.random::<f32>() < self.lofted_share;
+        Some(kick_velocity(
+            speed,
+            direction,
+            if lofted { self.loft } else { 0.0 },
+        ))
     }
 
     /// New position of a ball that left the field: on the line, or at the centre after a goal.
@@ -221,7 +236,7 @@ impl TeamBehaviour {
         let out = x.abs() > self.half_length + THROW_IN_DISTANCE / 2.0
             || y.abs() > self.half_width + THROW_IN_DISTANCE;
         let slow = ball.velocity[0].hypot(ball.velocity[1]) < 0.3;
-        if !(out && slow) {
+        if !(out && slow && ball.height <= 0.0) {
             return None;
         }
         if y.abs() < self.goal_half_width && x.abs() > self.half_length {
@@ -244,6 +259,27 @@ impl RobotBehaviour {
             kick_cooldown: 0.0,
         }
     }
+}
+
+/// True if the ball lies before a robot's kicker.
+pub(crate) fn is_kickable(ball: &BallState, robot: &RobotState) -> bool {
+    let bearing = (ball.at.y - robot.pose.y).atan2(ball.at.x - robot.pose.x);
+    ball.at.distance_to(robot.pose.origin()) <= KICK_REACH
+        && ball.height <= KICK_HEIGHT_MAX
+        && wrap_angle(bearing - robot.pose.theta).abs() < KICK_HALF_ANGLE
+}
+
+/// Velocity (x, y, up) of a ball that is kicked in a direction, at an angle above the carpet, m/s.
+pub(crate) fn kick_velocity(speed: f32, direction: f32, loft: f32) -> [f32; 3] {
+    if loft <= 0.0 {
+        return [speed * direction.cos(), speed * direction.sin(), 0.0];
+    }
+    let level = speed * loft.cos();
+    [
+        level * direction.cos(),
+        level * direction.sin(),
+        speed * loft.sin(),
+    ]
 }
 
 /// Sign of x of a team's own goal: cyan defends −x.

@@ -3,6 +3,7 @@
 //! The simulator traces rays through the mirror as the scenario mounts it; vision uses the map of its own configuration.
 
 mod ball;
+mod ball_flight;
 pub mod base;
 mod behaviour;
 pub mod environment;

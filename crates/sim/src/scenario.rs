@@ -84,6 +84,9 @@ pub struct Scenario {
     /// Impulses on our robot.
     #[serde(default)]
     pub pushes: Vec<Push>,
+    /// Kicks of the ball from outside the game.
+    #[serde(default)]
+    pub kicks: Vec<BallKick>,
     /// Black sectors of the image.
     #[serde(default)]
     pub occlusions: Vec<Occlusion>,
@@ -201,7 +204,7 @@ impl Default for RadioConfig {
     }
 }
 
-/// The ball: slides, then rolls (a hollow shell), and bounces.
+/// The ball: slides, then rolls (a hollow shell), flies and bounces.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BallConfig {
@@ -225,6 +228,14 @@ pub struct BallConfig {
     pub sliding_friction: f32,
     /// Deceleration while it rolls, m/s².
     pub rolling_deceleration: f32,
+    /// Initial height of its lowest point above the carpet, metres.
+    pub height: f32,
+    /// Initial upward velocity, m/s.
+    pub vertical_velocity: f32,
+    /// Coefficient of restitution on the carpet.
+    pub floor_restitution: f32,
+    /// Drag coefficient in the air, of its cross-section. 0 gives parabolas.
+    pub drag_coefficient: f32,
 }
 
 impl Default for BallConfig {
@@ -239,6 +250,11 @@ impl Default for BallConfig {
             restitution: 0.7,
             sliding_friction: 0.35,
             rolling_deceleration: 0.35,
+            height: 0.0,
+            vertical_velocity: 0.0,
+            floor_restitution: 0.65,
+            // A smooth ball between the laminar 0.5 and the turbulent 0.2.
+            drag_coefficient: 0.3,
         }
     }
 }
@@ -257,6 +273,10 @@ pub struct OthersConfig {
     pub speed: f32,
     /// Speed of a kicked ball, m/s.
     pub kick_speed: f32,
+    /// Share of the kicks that lift the ball, 0 to 1.
+    pub lofted_share: f32,
+    /// Angle of lofted kicks above the carpet, degrees.
+    pub loft_deg: f32,
 }
 
 impl Default for OthersConfig {
@@ -267,6 +287,8 @@ impl Default for OthersConfig {
             placed: Vec::new(),
             speed: 2.0,
             kick_speed: 6.0,
+            lofted_share: 0.0,
+            loft_deg: 40.0,
         }
     }
 }
@@ -345,6 +367,26 @@ pub struct Push {
     /// Impulse along the field's x and y axes, N s.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub impulse: [f32; 2],
+}
+
+/// A new velocity of the ball, and a new position if given.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BallKick {
+    /// Time, seconds.
+    pub time: f64,
+    /// New position along the field's x and y axes, metres. If absent, the ball is kicked where it is.
+    #[serde(default)]
+    pub position: Option<[f32; 2]>,
+    /// New height of its lowest point, metres; used with a position.
+    #[serde(default)]
+    pub height: f32,
+    /// Velocity along the field's x and y axes, m/s.
+    #[serde(deserialize_with = "localize::fixed_array::deserialize")]
+    pub velocity: [f32; 2],
+    /// Upward velocity, m/s.
+    #[serde(default)]
+    pub vertical_velocity: f32,
 }
 
 /// A black sector of the image.

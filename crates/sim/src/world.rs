@@ -1,4 +1,13 @@
-//! How do robots and ball move? Our robot, the others and the ball in two dimensions, simulated by rapier.
+//! How do robots and ball move? Robots in two dimensions, simulated by rapier; the ball in three.
+
+mod ball_body;
+mod contact;
+mod field_walls;
+mod state;
+
+pub use contact::STEP;
+pub(crate) use contact::STEP_NANOSECONDS;
+pub use state::{BallState, RobotState};
 
 use localize::field::Field;
 use localize::frames::{At, FieldFrame, Pose};
@@ -9,15 +18,11 @@ use localize::stamp::Stamp;
 use nalgebra::Vector2;
 use rapier2d::prelude::*;
 
-use crate::ball::BallFriction;
 use crate::base::SimBase;
-use crate::scenario::{BallConfig, Scenario};
+use crate::scenario::Scenario;
+use ball_body::{BallBody, Footprint, RobotTop};
+use contact::{BODY_RESTITUTION, ROBOT_GROUP, member_of};
 use localize::world::TeamColour;
-
-/// Time step, seconds: a ball at 12 m/s moves a tenth of its diameter.
-pub const STEP: f32 = (STEP_NANOSECONDS as f64 * 1e-9) as f32;
-/// The time step in whole nanoseconds, so that stamps are exact.
-pub(crate) const STEP_NANOSECONDS: i64 = 2_000_000;
 
 /// Mass of each of the other robots, kilograms (the league allows 40).
 const OTHER_MASS: f32 = 35.0;
@@ -26,15 +31,6 @@ pub const OTHER_HALF_SIDE: f32 = 0.24;
 /// Maximum acceleration of the other robots, m/s² and rad/s².
 const OTHER_ACCELERATION: f32 = 3.5;
 const OTHER_TURN_ACCELERATION: f32 = 20.0;
-/// Coefficient of restitution of robots' bodies.
-const BODY_RESTITUTION: f32 = 0.3;
-/// Coefficient of restitution of nets, which absorb most of a ball's speed.
-const NET_RESTITUTION: f32 = 0.1;
-/// Thickness of nets and walls, metres: a ball at 12 m/s crosses it in four steps.
-const WALL_THICKNESS: f32 = 0.1;
-/// Distance from the carpet to the barrier around it, metres.
-const BARRIER_GAP: f32 = 0.5;
-
 /// The dynamics of all bodies; stamps and random numbers are the caller's.
 pub struct SimWorld {
     physics: PhysicsWorld,
@@ -45,6 +41,7 @@ pub struct SimWorld {
     /// Our robot's velocity at the end of the last step, so that impulses between steps count as acceleration.
     last_velocity: Vector,
     last_acceleration: Vector2<f32>,
+    robot_radius: f32,
 }
 
 /// One of the other robots.
@@ -52,34 +49,6 @@ struct OtherRobot {
     body: RigidBodyHandle,
     team: TeamColour,
     target_velocity: [f32; 3],
-}
-
-struct BallBody {
-    body: RigidBodyHandle,
-    friction: BallFriction,
-    surface_velocity: Vector2<f32>,
-}
-
-/// Pose and velocity of a robot, field frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RobotState {
-    /// Pose.
-    pub pose: Pose,
-    /// m/s along the field's x and y.
-    pub velocity: [f32; 2],
-    /// Yaw rate, rad/s counter-clockwise.
-    pub yaw_rate: f32,
-    /// The colour of its marker.
-    pub team: TeamColour,
-}
-
-/// Position and velocity of the ball, field frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BallState {
-    /// Ground contact.
-    pub at: At<FieldFrame>,
-    /// m/s along the field's x and y.
-    pub velocity: [f32; 2],
 }
 
 impl SimWorld {
@@ -95,10 +64,12 @@ impl SimWorld {
         let mut physics = PhysicsWorld::new();
         physics.gravity = Vector::ZERO;
         physics.integration_parameters.dt = STEP;
-        insert_field(&mut physics, field, scenario.ball.restitution);
+        field_walls::insert(&mut physics, field, scenario.ball.restitution);
+        let robot_radius = body.radius.max(0.05);
         let (robot, _) = physics.insert(
             dynamic(scenario.start.pose()),
-            ColliderBuilder::ball(body.radius.max(0.05))
+            ColliderBuilder::ball(robot_radius)
+                .collision_groups(member_of(ROBOT_GROUP))
                 .mass(base.mass)
                 .restitution(BODY_RESTITUTION)
                 .restitution_combine_rule(CoefficientCombineRule::Min)
@@ -108,6 +79,7 @@ impl SimWorld {
             .iter()
             .map(|&(pose, team)| {
                 let collider = ColliderBuilder::cuboid(OTHER_HALF_SIDE, OTHER_HALF_SIDE)
+                    .collision_groups(member_of(ROBOT_GROUP))
                     .mass(OTHER_MASS)
                     .restitution(BODY_RESTITUTION)
                     .restitution_combine_rule(CoefficientCombineRule::Min)
@@ -123,7 +95,7 @@ impl SimWorld {
         let ball = scenario
             .ball
             .present
-            .then(|| insert_ball(&mut physics, &scenario.ball));
+            .then(|| BallBody::insert(&mut physics, &scenario.ball, field));
         Ok(SimWorld {
             physics,
             robot,
@@ -132,6 +104,7 @@ impl SimWorld {
             base: SimBase::new(base, &scenario.wheels)?,
             last_velocity: Vector::ZERO,
             last_acceleration: Vector2::zeros(),
+            robot_radius,
         })
     }
 
@@ -141,16 +114,9 @@ impl SimWorld {
         for index in 0..self.others.len() {
             self.drive_other(index);
         }
+        let robots = self.robot_tops();
         if let Some(ball) = &mut self.ball {
-            let body = &mut self.physics.bodies[ball.body];
-            let velocity = body.linvel();
-            let (slower, surface_velocity) = ball.friction.step(
-                Vector2::new(velocity.x, velocity.y),
-                ball.surface_velocity,
-                STEP,
-            );
-            ball.surface_velocity = surface_velocity;
-            body.set_linvel(Vector::new(slower.x, slower.y), true);
+            ball.step(&mut self.physics, &robots);
         }
         self.physics.step();
         let velocity = self.physics.bodies[self.robot].linvel();
@@ -207,12 +173,28 @@ impl SimWorld {
 
     /// State of the ball, if there is one.
     pub fn ball(&self) -> Option<BallState> {
-        let body = &self.physics.bodies[self.ball.as_ref()?.body];
-        let (at, velocity) = (body.translation(), body.linvel());
-        Some(BallState {
-            at: At::new(at.x, at.y),
-            velocity: [velocity.x, velocity.y],
-        })
+        Some(self.ball.as_ref()?.state(&self.physics))
+    }
+
+    /// What a ball in the air meets from above; none while it is on the ground.
+    fn robot_tops(&self) -> Vec<RobotTop> {
+        let is_low = |ball: BallState| ball.height <= 0.0;
+        if self.ball().is_none_or(is_low) {
+            return Vec::new();
+        }
+        let top = |state: RobotState, footprint| RobotTop {
+            centre: Vector2::new(state.pose.x, state.pose.y),
+            velocity: state.velocity.into(),
+            footprint,
+        };
+        let radius = self.robot_radius;
+        let others = self.others().map(|state| {
+            let (sin, cos) = state.pose.theta.sin_cos();
+            let half = OTHER_HALF_SIDE;
+            top(state, Footprint::Square { half, sin, cos })
+        });
+        let own = top(self.robot(), Footprint::Round { radius });
+        others.chain([own]).collect()
     }
 
     /// Mean acceleration of our robot over the last step, field frame, m/s².
@@ -277,13 +259,15 @@ impl SimWorld {
         self.physics.bodies[self.robot].apply_impulse(Vector::new(impulse[0], impulse[1]), true);
     }
 
-    /// Places the ball with a velocity (m/s, field frame), sliding without spin.
+    /// Places the ball on the ground with a velocity (m/s, field frame), sliding without spin.
     pub fn place_ball(&mut self, at: At<FieldFrame>, velocity: [f32; 2]) {
+        self.set_ball_state(&BallState::on_ground(at, velocity));
+    }
+
+    /// Places the ball anywhere with a velocity, without spin.
+    pub fn set_ball_state(&mut self, state: &BallState) {
         if let Some(ball) = &mut self.ball {
-            let body = &mut self.physics.bodies[ball.body];
-            body.set_translation(Vector::new(at.x, at.y), true);
-            body.set_linvel(Vector::new(velocity[0], velocity[1]), true);
-            ball.surface_velocity = Vector2::zeros();
+            ball.set_state(&mut self.physics, state);
         }
     }
 
@@ -306,88 +290,7 @@ fn dynamic(pose: Pose) -> RigidBodyBuilder {
         .can_sleep(false)
 }
 
-fn insert_ball(physics: &mut PhysicsWorld, config: &BallConfig) -> BallBody {
-    let [x, y] = config.position;
-    let [vx, vy] = config.velocity;
-    // `BallFriction` decelerates the ball; rapier's damping is off.
-    let body = RigidBodyBuilder::dynamic()
-        .translation(Vector::new(x, y))
-        .linvel(Vector::new(vx, vy))
-        .can_sleep(false)
-        .ccd_enabled(true);
-    let collider = ColliderBuilder::ball(config.diameter / 2.0)
-        .mass(config.mass)
-        .restitution(config.restitution)
-        .friction(0.0);
-    let (body, _) = physics.insert(body, collider);
-    BallBody {
-        body,
-        friction: BallFriction {
-            sliding_friction: config.sliding_friction,
-            rolling_deceleration: config.rolling_deceleration,
-        },
-        surface_velocity: Vector2::zeros(),
-    }
-}
-
-/// Goal posts, nets (or goal walls), and the barrier around the carpet.
-fn insert_field(physics: &mut PhysicsWorld, field: &Field, restitution: f32) {
-    let mut wall = |x: f32, y: f32, half_x: f32, half_y: f32, restitution: f32| {
-        let collider = ColliderBuilder::cuboid(half_x, half_y)
-            .translation(Vector::new(x, y))
-            .restitution(restitution)
-            .restitution_combine_rule(CoefficientCombineRule::Min)
-            .friction(0.3);
-        physics.insert_collider(collider, None);
-    };
-    let goal = &field.config.goal;
-    let half_post = (goal.post / 2.0).max(0.01);
-    let half_wall = WALL_THICKNESS / 2.0;
-    if goal.width > 0.0 {
-        for side in [1.0, -1.0] {
-            let line = side * field.config.length / 2.0;
-            let middle = line + side * goal.depth / 2.0;
-            for across in [1.0, -1.0] {
-                let post = across * (goal.width / 2.0 + half_post);
-                wall(line, post, half_post, half_post, restitution);
-                if goal.depth > 0.0 {
-                    let net = across * (goal.width / 2.0 + half_wall);
-                    wall(middle, net, goal.depth / 2.0, half_wall, NET_RESTITUTION);
-                }
-            }
-            if goal.depth > 0.0 {
-                let back = line + side * (goal.depth + half_wall);
-                wall(back, 0.0, half_wall, goal.width / 2.0, NET_RESTITUTION);
-            }
-        }
-    }
-    // Walls stand on the boundary of a field that has them; other fields have a barrier outside the carpet.
-    let (gap, (half_x, half_y)) = match field.config.walls {
-        true => (0.0, (field.config.length / 2.0, field.config.width / 2.0)),
-        false => (BARRIER_GAP, field.carpet_half_extent()),
-    };
-    // Thick, so that nothing is ever squeezed through.
-    let (x, y, thick) = (half_x + gap + 0.5, half_y + gap + 0.5, 0.5);
-    // Walls that are closer to the goal line than the goal's depth leave the goal's mouth open.
-    let mouth = if goal.depth > 0.0 && half_x + gap < field.config.length / 2.0 + goal.depth {
-        goal.width / 2.0
-    } else {
-        0.0
-    };
-    let half_end = (y + thick - mouth) / 2.0;
-    for side in [1.0, -1.0] {
-        wall(0.0, side * y, x + thick, thick, restitution);
-        for end in [1.0, -1.0] {
-            wall(
-                end * x,
-                side * (mouth + half_end),
-                thick,
-                half_end,
-                restitution,
-            );
-        }
-    }
-}
-
+#[cfg(test)]
+mod flight_tests;
 #[cfg(test)]
 mod tests;

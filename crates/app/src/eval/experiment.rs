@@ -8,6 +8,7 @@ use localize::synthetic::team_ball::ROBOTS;
 use serde::Deserialize;
 use sim::fusion_experiment::{Disturbance, Estimator};
 
+use super::air::{AirRuns, AirVariant};
 use super::metric::PaperReference;
 
 /// An experiment file. Paths are relative to it.
@@ -72,6 +73,8 @@ pub(crate) enum PartRun {
     /// The same with rendered images: a scenario with several robots of ours.
     #[serde(rename = "squad")]
     MultiRobot(MultiRobotRuns),
+    /// A ball in the air, for one robot and for several, without images.
+    Air(AirRuns),
 }
 
 /// Images for the detection rates.
@@ -326,6 +329,17 @@ impl Part {
                         "variant {:?}: too many liars: {} (expected fewer than {ROBOTS})",
                         variant.name,
                         variant.liars.unwrap_or_default()
+                    );
+                }
+            }
+            PartRun::Air(air) => {
+                let honest_missing = |variant: &&AirVariant| variant.liars >= variant.robots;
+                if let Some(variant) = air.variants.iter().find(honest_missing) {
+                    bail!(
+                        "variant {:?}: too many liars: {} (expected fewer than robots = {})",
+                        variant.name,
+                        variant.liars,
+                        variant.robots
                     );
                 }
             }

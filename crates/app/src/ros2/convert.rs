@@ -148,7 +148,11 @@ impl MessageConverter {
             header: on_robot(),
             detections: ball
                 .chain(robots)
-                .map(|(kind, object)| detection(kind, object, on_robot()))
+                .map(|(kind, object)| {
+                    let flight = cycle.world.ball_in_air.filter(|_| kind == "ball");
+                    let above = flight.map_or(0.0, |ball| ball.from_robot.at[2] - BALL_RADIUS);
+                    detection(kind, object, above.into(), on_robot())
+                })
                 .collect(),
         }));
         let on_field = header(stamp_ns, &frames.map);
@@ -248,8 +252,13 @@ fn line_points(points: &[LinePoint], header: Header) -> PointCloud2 {
     }
 }
 
+/// Radius of a size 5 ball, metres.
+const BALL_RADIUS: f32 = 0.11;
+
 /// An object in the robot's frame, which is known even while the robot is lost.
-fn detection(kind: &str, object: &TrackedObject, header: Header) -> Detection3D {
+///
+/// `above`: height of its lowest point above the ground, metres.
+fn detection(kind: &str, object: &TrackedObject, above: f64, header: Header) -> Detection3D {
     let (side, height) = if kind == "ball" {
         (0.22, 0.22)
     } else {
@@ -260,7 +269,7 @@ fn detection(kind: &str, object: &TrackedObject, header: Header) -> Detection3D 
         y: object.at.y.into(),
         theta: 0.0,
     });
-    pose.position.z = height / 2.0;
+    pose.position.z = above + height / 2.0;
     let mut covariance = object
         .covariance
         .fixed_view::<3, 3>(0, 0)

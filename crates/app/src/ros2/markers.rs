@@ -4,7 +4,7 @@ use localize::Field;
 use localize::field::Marking;
 use localize::frames::{At, FieldFrame};
 use localize::math;
-use localize::world::{TeamColour, TrackedObject};
+use localize::world::{AirborneState, TeamColour, TrackedObject};
 use pipeline::Cycle;
 
 use super::messages::{ColorRGBA, Duration, Header, Marker, MarkerArray, Point, Pose, Vector3};
@@ -78,9 +78,17 @@ pub(crate) fn cycle_markers(cycle: &Cycle, header: &Header) -> MarkerArray {
         });
     }
     let on_field = |object: &TrackedObject| object.on_field.map(|on| on.at);
-    if let Some(at) = cycle.world.ball.as_ref().and_then(on_field) {
+    let flight = cycle.world.ball_in_air.and_then(|ball| ball.on_field);
+    let ball = match flight {
+        Some(AirborneState { at: [x, y, z], .. }) => Some((At::new(x, y), z.into())),
+        None => {
+            let ball = cycle.world.ball.as_ref().and_then(on_field);
+            ball.map(|at| (at, BALL_DIAMETER / 2.0))
+        }
+    };
+    if let Some((at, height)) = ball {
         markers.push(Marker {
-            pose: at_height(at, BALL_DIAMETER / 2.0),
+            pose: at_height(at, height),
             scale: size([BALL_DIAMETER; 3]),
             ..marker(header.clone(), "ball", 0, SPHERE, YELLOW)
         });

@@ -11,6 +11,7 @@ pub(crate) mod calibration_job;
 mod calibration_state;
 mod curves;
 mod device_monitor;
+mod dialogs;
 mod file_dialog;
 mod frame_rate;
 mod inverse_ground_map;

@@ -41,6 +41,22 @@ impl Selection {
             .map(|(_, selection)| selection)
     }
 
+    /// The object after (or before) this one in a cycle; the first one after none. Line points are left out.
+    pub(crate) fn next(of: Option<Self>, cycle: &Cycle, ahead: bool) -> Option<Self> {
+        let mut all = Selection::all(cycle);
+        all.retain(|object| {
+            !matches!(object, Selection::LinePoint(_)) && object.place(cycle).is_some()
+        });
+        let now = of.and_then(|of| all.iter().position(|object| *object == of));
+        let next = match (now, ahead) {
+            (None, true) => 0,
+            (None, false) => all.len().checked_sub(1)?,
+            (Some(now), true) => (now + 1) % all.len(),
+            (Some(now), false) => (now + all.len() - 1) % all.len(),
+        };
+        all.get(next).copied()
+    }
+
     /// Every object of a cycle.
     fn all(cycle: &Cycle) -> Vec<Self> {
         let mut all = vec![Selection::Estimate, Selection::Truth, Selection::Ball];

@@ -8,7 +8,7 @@ use eframe::egui::{self, Ui};
 use egui_tiles::Tree;
 use pipeline::PipelineConfig;
 
-use super::file_dialog::{Answer, FileDialog, Purpose};
+use super::file_dialog::{FileDialog, Purpose};
 use super::frame_rate::FrameRateCounter;
 use super::layer_worker::{LayerSelection, LayerWorker};
 use super::layout::{self, PanelLayout};
@@ -43,7 +43,7 @@ pub(crate) struct View {
     pub(crate) tree: Tree<PanelId>,
     pub(crate) layout: PanelLayout,
     pub(crate) help_open: bool,
-    dialog: Option<FileDialog>,
+    pub(crate) dialog: Option<FileDialog>,
     /// Logs opened last, the newest first.
     pub(crate) recent_files: Vec<PathBuf>,
     history: UndoHistory,
@@ -199,6 +199,8 @@ impl View {
                 }
             }
             Action::SeekFinding(ahead) => session.next_finding(ahead),
+            Action::SelectNext(ahead) => session.select_next(ahead),
+            Action::ScalePlottedTime(factor) => self.panels.plots.scale_time(session, factor),
             Action::AddMark => session.add_mark(""),
             Action::ScaleSpeed(factor) => session.set_speed(session.playback.speed * factor),
             Action::ToggleClasses => camera.layers.classes = !camera.layers.classes,
@@ -245,59 +247,6 @@ impl View {
         }
     }
 
-    /// Asks for a path for a purpose.
-    pub(crate) fn ask(&mut self, purpose: Purpose) {
-        let time = self.session.playback.time;
-        let proposed = match purpose {
-            Purpose::Open | Purpose::OpenBeside => {
-                let last = self.recent_files.first().and_then(|path| path.parent());
-                last.map_or(String::new(), |folder| {
-                    folder.join("").display().to_string()
-                })
-            }
-            Purpose::SaveScreenshot => format!("mirrorball_{time:.3}s.png"),
-            Purpose::SaveReport => format!("mirrorball_report_{time:.3}s"),
-            Purpose::LoadLayout | Purpose::SaveLayout => "layout.json".to_owned(),
-        };
-        self.dialog = Some(FileDialog::new(purpose, &proposed));
-    }
-
-    /// Shows the open dialog, and does what was asked for.
-    fn show_dialog(&mut self, ctx: &egui::Context) {
-        let answer = match &mut self.dialog {
-            Some(dialog) => dialog.show(ctx),
-            None => return,
-        };
-        let (purpose, path) = match answer {
-            Answer::Open => return,
-            Answer::Cancelled => {
-                self.dialog = None;
-                return;
-            }
-            Answer::Chosen(purpose, path) => (purpose, path),
-        };
-        self.dialog = None;
-        match purpose {
-            Purpose::Open => self.open(&path, ctx),
-            Purpose::OpenBeside => self.session.open_beside(&path),
-            Purpose::SaveScreenshot => {
-                self.request_screenshot(ctx, ScreenshotTarget::File(path));
-            }
-            Purpose::SaveReport => self.request_screenshot(ctx, ScreenshotTarget::Report(path)),
-            Purpose::LoadLayout => match SavedLayout::load(&path) {
-                Ok(saved) => self.restore_layout(saved),
-                Err(error) => self.session.last_error = Some(format!("{error:#}")),
-            },
-            Purpose::SaveLayout => {
-                let saved = SavedLayout::of(self.layout, &self.tree, &self.panels);
-                match saved.save(&path) {
-                    Ok(()) => self.status_message = Some(format!("wrote {}", path.display())),
-                    Err(error) => self.session.last_error = Some(format!("{error:#}")),
-                }
-            }
-        }
-    }
-
     /// Shows a saved layout.
     pub(crate) fn restore_layout(&mut self, saved: SavedLayout) {
         (self.layout, self.tree) = saved.restore(&mut self.panels);
@@ -340,7 +289,7 @@ impl View {
         self.history.record(Edited {
             config: config.clone(),
             marks: self.session.marks.clone(),
-            plots: self.panels.plots.clone(),
+            plots: self.panels.plots.plots().to_vec(),
             layout: self.layout,
             tree: self.tree.clone(),
         });
@@ -360,7 +309,7 @@ impl View {
             self.session.apply_config(edited.config.0.clone());
         }
         self.session.marks = edited.marks;
-        self.panels.plots = edited.plots;
+        self.panels.plots.set_plots(edited.plots);
         (self.layout, self.tree) = (edited.layout, edited.tree);
     }
 

@@ -8,13 +8,15 @@ use super::layout::{LAYOUTS, PanelLayout};
 const SEEK_STEP: f64 = 1.0;
 
 /// Rows of the window that `?` opens: keys and their effect.
-const SHORTCUTS: [(&str, &str); 20] = [
+const SHORTCUTS: [(&str, &str); 22] = [
     ("Space", "play or pause"),
     ("Left, Right", "previous or next cycle"),
     ("Shift+Left, Shift+Right", "one second back or forward"),
     ("Home, End", "to the start or end (live source: now)"),
     ("M", "add a mark at the current time"),
     ("N, Shift+N", "to the next or previous odd moment"),
+    ("O, Shift+O", "select the next or previous object"),
+    ("PageUp, PageDown", "plots: shorter or longer time"),
     ("[ and ]", "slower or faster"),
     ("1 to 6", "Watch, Eyes, Place, Simulate, Calibrate, Health"),
     ("B", "camera: bird's-eye view"),
@@ -68,6 +70,10 @@ pub(crate) enum Action {
     SeekToEnd,
     /// Go to the next odd moment (true) or to the previous one.
     SeekFinding(bool),
+    /// Select the next object (true) or the previous one.
+    SelectNext(bool),
+    /// Multiply the time that the plots show.
+    ScalePlottedTime(f64),
     /// Mark the shown time.
     AddMark,
     /// Multiply the playback speed.
@@ -141,14 +147,21 @@ pub(crate) fn pressed_actions(ctx: &egui::Context) -> Vec<Action> {
             actions.push(Action::Step(cycles));
         }
     }
-    if shifted(Key::N) {
-        actions.push(Action::SeekFinding(false));
-    } else if plain(Key::N) {
-        actions.push(Action::SeekFinding(true));
+    for (key, action) in [
+        (Key::N, Action::SeekFinding as fn(bool) -> Action),
+        (Key::O, Action::SelectNext),
+    ] {
+        if shifted(key) {
+            actions.push(action(false));
+        } else if plain(key) {
+            actions.push(action(true));
+        }
     }
     for (key, action) in [
         (Key::Home, Action::SeekToStart),
         (Key::End, Action::SeekToEnd),
+        (Key::PageUp, Action::ScalePlottedTime(0.5)),
+        (Key::PageDown, Action::ScalePlottedTime(2.0)),
         (Key::M, Action::AddMark),
         (Key::OpenBracket, Action::ScaleSpeed(0.5)),
         (Key::CloseBracket, Action::ScaleSpeed(2.0)),

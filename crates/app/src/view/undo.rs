@@ -7,7 +7,7 @@ use pipeline::PipelineConfig;
 
 use super::layout::{PanelLayout, open_panels};
 use super::panels::PanelId;
-use super::panels::plots::PlotsPanel;
+use super::panels::plots::PlotConfig;
 use super::session::Mark;
 
 /// Edits that can be undone.
@@ -19,7 +19,7 @@ pub(crate) struct Edited {
     /// The settings, and their text, by which they are compared.
     pub(crate) config: Arc<(PipelineConfig, String)>,
     pub(crate) marks: Vec<Mark>,
-    pub(crate) plots: PlotsPanel,
+    pub(crate) plots: Vec<PlotConfig>,
     pub(crate) layout: PanelLayout,
     pub(crate) tree: Tree<PanelId>,
 }
@@ -28,7 +28,7 @@ impl Edited {
     /// True if nothing was edited between both. A dragged or resized tile is no edit.
     fn is_same(&self, other: &Edited) -> bool {
         self.marks == other.marks
-            && self.plots.same_plots(&other.plots)
+            && self.plots == other.plots
             && self.layout == other.layout
             && open_panels(&self.tree) == open_panels(&other.tree)
             && (Arc::ptr_eq(&self.config, &other.config) || self.config.1 == other.config.1)

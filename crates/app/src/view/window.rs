@@ -51,6 +51,11 @@ pub(crate) struct Outcome {
     pub(crate) frames: u64,
     pub(crate) seconds: f64,
     pub(crate) frames_per_s: f64,
+    /// Longest time for a frame after the first second, drawing included.
+    pub(crate) longest_frame_ms: f32,
+    /// Processor time of the window's thread for a frame: mean and longest after the first second.
+    pub(crate) frame_cpu_ms: f64,
+    pub(crate) longest_frame_cpu_ms: f64,
     pub(crate) cycles: u64,
     pub(crate) dropped_cycles: u64,
     /// The last error.
@@ -146,6 +151,15 @@ fn restore_state(view: &mut View, storage: Option<&dyn eframe::Storage>, options
     }
 }
 
+/// Processor time that this thread has used.
+fn thread_cpu_time() -> Duration {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    Duration::new(
+        time.tv_sec.unsigned_abs(),
+        time.tv_nsec.unsigned_abs() as u32,
+    )
+}
+
 struct ViewerApp {
     view: View,
     options: WindowOptions,
@@ -156,7 +170,11 @@ struct ViewerApp {
 }
 
 impl eframe::App for ViewerApp {
-    fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
+    fn ui(&mut self, ui: &mut egui::Ui, frame: &mut eframe::Frame) {
+        if let Some(seconds) = frame.info().cpu_usage {
+            self.view.frame_rate.record_duration(seconds);
+        }
+        self.view.frame_rate.record_cpu(thread_cpu_time());
         self.view.ui(ui);
         let ctx = ui.ctx();
         let elapsed = |seconds| self.opened.elapsed().as_secs_f64() > seconds;
@@ -199,11 +217,15 @@ impl eframe::App for ViewerApp {
 
     fn on_exit(&mut self, _gl: Option<&eframe::glow::Context>) {
         let (frames, seconds) = self.view.frame_rate.totals();
+        let (mean_cpu, longest_cpu) = self.view.frame_rate.frame_cpu();
         let devices = &self.view.session.devices;
         let outcome = Outcome {
             frames,
             seconds,
             frames_per_s: frames as f64 / seconds.max(1e-3),
+            frame_cpu_ms: 1e3 * mean_cpu.as_secs_f64(),
+            longest_frame_cpu_ms: 1e3 * longest_cpu.as_secs_f64(),
+            longest_frame_ms: 1e3 * self.view.frame_rate.longest(),
             cycles: devices.cycles,
             dropped_cycles: devices.dropped,
             error: self.view.session.last_error.clone(),

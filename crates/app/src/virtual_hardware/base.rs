@@ -5,7 +5,7 @@ use localize::Stamp;
 use localize::omni::{OmniKinematics, Twist};
 use localize::sample::{Compass, Imu};
 
-use super::board::VirtualBoard;
+use super::board::{ReceivedKick, VirtualBoard};
 use super::drive_command::{CommandStats, DriveCommand};
 use super::vescs::{VescBus, VirtualVescs};
 
@@ -51,6 +51,14 @@ impl VirtualBase {
     /// Commanded velocity now.
     pub(super) fn commanded_twist(&mut self, now: Stamp) -> Twist {
         self.drive_command().twist(now)
+    }
+
+    /// Takes the last kick; VESCs have no kicker.
+    pub(super) fn take_kick(&mut self) -> Option<ReceivedKick> {
+        match self {
+            VirtualBase::Board(board) => board.take_kick(),
+            VirtualBase::Vescs(_) => None,
+        }
     }
 
     /// Statistics of the commands.

@@ -14,6 +14,14 @@ const STATUS_PERIOD: f64 = 0.1;
 const BATTERY_MV: u16 = 25_200;
 const CAPACITOR_DV: u16 = 2_400;
 
+/// A kick that was commanded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ReceivedKick {
+    /// m/s.
+    pub(super) speed: f32,
+    pub(super) lofted: bool,
+}
+
 /// The board's firmware.
 pub(super) struct VirtualBoard {
     omni: OmniKinematics,
@@ -22,6 +30,7 @@ pub(super) struct VirtualBoard {
     sequence: u16,
     pub(super) drive_command: DriveCommand,
     last_kick: u16,
+    pending_kick: Option<ReceivedKick>,
     /// Counts at the last restart.
     count_offset: [u32; 4],
     next_status: f64,
@@ -36,6 +45,7 @@ impl VirtualBoard {
             sequence: 0,
             drive_command: DriveCommand::default(),
             last_kick: 0,
+            pending_kick: None,
             count_offset: [0; 4],
             next_status: 0.0,
         }
@@ -45,6 +55,11 @@ impl VirtualBoard {
     pub(super) fn on_reconnect(&mut self) {
         self.decoder.reset();
         self.drive_command.on_reconnect();
+    }
+
+    /// Takes the last kick, so that it is carried out once.
+    pub(super) fn take_kick(&mut self) -> Option<ReceivedKick> {
+        self.pending_kick.take()
     }
 
     /// Processes received bytes.
@@ -67,8 +82,12 @@ impl VirtualBoard {
                     self.drive_command
                         .set(twist, twist != Twist::default(), command.valid_ms, now);
                 }
-                Message::KickCommand(_) => {
+                Message::KickCommand(kick) => {
                     self.last_kick = packet.sequence;
+                    self.pending_kick = Some(ReceivedKick {
+                        speed: f32::from(kick.speed_mm) * 1e-3,
+                        lofted: kick.lofted != 0,
+                    });
                     self.drive_command.stats.kicks += 1;
                 }
                 _ => {}

@@ -56,6 +56,9 @@ pub(crate) fn run(sim: Simulator, duration: f64, options: &Options<'_>, json: bo
     raise_thread_priority();
     let started = sim.start_stamp();
     while !stop.is_raised() && hw::now() - started < duration {
+        if let Some(kick) = devices.base_firmware.take_kick() {
+            sim.kick(kick);
+        }
         let Some(due) = sim.next_sample(|now| devices.base_firmware.commanded_twist(now))? else {
             break;
         };

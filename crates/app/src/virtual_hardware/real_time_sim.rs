@@ -14,6 +14,7 @@ use localize::robot::ExposureSetting;
 use sim::image_sensor::ImageSensorConfig;
 use sim::{SimSample, Simulator};
 
+use super::board::ReceivedKick;
 use super::timing::sleep_until;
 
 /// Lead of the simulation, seconds: longer than the rendering of an image. It delays the wheel commands by the same time.
@@ -46,6 +47,7 @@ pub(super) struct RealTimeSim {
 struct RealTimeSimState {
     commanded_twist: Mutex<Twist>,
     commanded_setting: Mutex<Option<ExposureSetting>>,
+    commanded_kick: Mutex<Option<ReceivedKick>>,
     lag: Mutex<f64>,
     stop_requested: AtomicBool,
 }
@@ -63,6 +65,10 @@ impl RealTimeSim {
             while !state.stop_requested.load(Ordering::Relaxed) {
                 if !own_path {
                     sim.set_command(Some(*lock(&state.commanded_twist)));
+                }
+                if let Some(kick) = lock(&state.commanded_kick).take() {
+                    // Out of the kicker's reach nothing happens.
+                    let _kicked = sim.kick(kick.speed, kick.lofted);
                 }
                 let sample = sim.next_sample();
                 let mut at = zero + sample.stamp().seconds();
@@ -124,6 +130,11 @@ impl RealTimeSim {
     /// Sets exposure and gain of the following images, unit of the simulator.
     pub(super) fn command_camera(&self, setting: ExposureSetting) {
         *lock(&self.shared.commanded_setting) = Some(setting);
+    }
+
+    /// Kicks the ball at the next time step, if it lies before the robot.
+    pub(super) fn kick(&self, kick: ReceivedKick) {
+        *lock(&self.shared.commanded_kick) = Some(kick);
     }
 
     /// The next sample. None if the simulation has ended. `commanded` returns the velocity of the wheels.

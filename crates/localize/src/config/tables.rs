@@ -564,6 +564,42 @@ pub const WORLD_BOUNDS: &[Bound] = &[
         "smaller deletes every track",
     ),
     bound("*.separation_min", 0.0, 10.0, "larger merges all tracks"),
+    bound("flight.ball_radius", 0.01, 1.0, "a ball"),
+    bound("flight.drag", 0.0, 1.0, "more stops a ball within a metre"),
+    bound(
+        "flight.rolling_deceleration",
+        0.0,
+        20.0,
+        "more than friction allows",
+    ),
+    bound(
+        "flight.change_probability",
+        1.0e-6,
+        0.5,
+        "a probability, and changes are rare",
+    ),
+    bound("flight.airborne_probability", 1.0e-6, 0.99, "a probability"),
+    bound(
+        "flight.images_max",
+        6.0,
+        60.0,
+        "a path needs six images, and many cost time",
+    ),
+    bound("flight.gap_max", 0.01, 10.0, SECONDS),
+    bound(
+        "flight.bearing_bias_std_deg",
+        1.0e-3,
+        45.0,
+        "no mounting is exact",
+    ),
+    bound(
+        "flight.outlier_sigmas",
+        2.0,
+        100.0,
+        "smaller limits refuse good rays",
+    ),
+    bound("flight.team_window", 0.01, 2.0, SECONDS),
+    bound("flight.clock_std", 0.0, 1.0, SECONDS),
 ];
 
 /// Bounds of `TeamConfig`.

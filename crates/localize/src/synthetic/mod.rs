@@ -1,8 +1,10 @@
 //! Synthetic drives and experiments: generated test data, and scores of the estimators on it.
 
+pub mod air_ball;
 pub mod consistency;
 pub mod drive;
 pub mod evaluation;
+pub mod flying_ball;
 pub mod rough_drive;
 pub mod starts;
 pub mod team_ball;

@@ -313,6 +313,7 @@ impl ExperimentRobot {
             score: 0.8,
             airborne: false,
             team: None,
+            distance: None,
         };
         let observation = WorldObservation {
             ball: Some(detection),
@@ -369,5 +370,6 @@ fn report(
         half_known: true,
         ball,
         obstacles: Vec::new(),
+        ball_sighting: None,
     }
 }

@@ -6,6 +6,8 @@
 
 mod ball_fusion;
 mod config;
+mod rays;
+mod report;
 #[cfg(test)]
 mod tests;
 
@@ -13,43 +15,17 @@ use nalgebra::Matrix2;
 
 pub use ball_fusion::{BallMeasurement, TeamBall, fuse_balls};
 pub use config::TeamConfig;
+pub use rays::TeamBallInSpace;
+pub use report::{ReportedBall, TeamReport};
+
+use rays::TeamRays;
+use report::is_plausible;
 
 use crate::estimate::Estimate;
-use crate::frames::{At, FieldFrame, Pose};
+use crate::flight::FlightConfig;
+use crate::frames::{At, Pose};
 use crate::stamp::Stamp;
 use crate::world::WorldView;
-
-/// A team-mate's state and detections at one time of our own clock.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TeamReport {
-    /// Its number in the team.
-    pub robot: u32,
-    /// Time of the reported state, by our clock.
-    pub stamp: Stamp,
-    /// Its pose; None while it is lost.
-    pub pose: Option<Pose>,
-    /// Standard deviations of x, y (metres) and θ (radians).
-    pub pose_std: [f32; 3],
-    /// True if it has resolved its half of the field.
-    pub half_known: bool,
-    /// Its ball.
-    pub ball: Option<ReportedBall>,
-    /// Detected robots, metres.
-    pub obstacles: Vec<At<FieldFrame>>,
-}
-
-/// A team-mate's ball on the field.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ReportedBall {
-    /// Metres.
-    pub at: At<FieldFrame>,
-    /// m/s.
-    pub velocity: [f32; 2],
-    /// Covariance of the position: xx, xy, yy, m².
-    pub covariance: [f32; 3],
-    /// Time of the last detection, by the clock of the report.
-    pub last_seen: Stamp,
-}
 
 /// The team's knowledge at an image's stamp.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -60,6 +36,8 @@ pub struct TeamView {
     pub teammates: Vec<Teammate>,
     /// Log odds of our half of the field from the team's ball; 0 if the half is known already.
     pub half_log_odds: f32,
+    /// The ball where the rays of several robots meet. None if fewer than two robots see it.
+    pub triangulated: Option<TeamBallInSpace>,
 }
 
 /// A team-mate.
@@ -81,6 +59,7 @@ pub struct TeamModel {
     config: TeamConfig,
     /// The latest report of each robot, sorted by number.
     reports: Vec<TeamReport>,
+    rays: TeamRays,
 }
 
 impl TeamModel {
@@ -89,7 +68,15 @@ impl TeamModel {
         TeamModel {
             config,
             reports: Vec::new(),
+            rays: TeamRays::default(),
         }
+    }
+
+    /// Combines rays to the ball with these settings.
+    #[must_use]
+    pub fn with_flight(mut self, config: &FlightConfig) -> Self {
+        self.rays = TeamRays::new(config);
+        self
     }
 
     /// Adds a report. Reports out of order, our own and implausible ones are ignored.
@@ -107,10 +94,12 @@ impl TeamModel {
                 let back = report.stamp.seconds_until(known.stamp) as f32;
                 if back < 0.0 || back > self.config.ball_age_max {
                     known.clone_from(report);
+                    self.rays.add_report(report);
                 }
             }
             Err(index) if self.reports.len() < self.config.teammates_max => {
                 self.reports.insert(index, report.clone());
+                self.rays.add_report(report);
             }
             Err(_) => {}
         }
@@ -157,7 +146,9 @@ impl TeamModel {
             pose: report.pose,
             ball_agrees: agrees(report.robot),
         });
+        self.rays.add_own(config.number, stamp, world, estimate);
         TeamView {
+            triangulated: self.rays.triangulate(stamp),
             teammates: teammates.collect(),
             half_log_odds,
             ball: fused,
@@ -224,22 +215,4 @@ impl TeamModel {
         }
         (cost_opposite - cost_here).clamp(-config.half_log_odds_max, config.half_log_odds_max)
     }
-}
-
-/// True if positions, velocities and covariances are finite and of a field's size.
-fn is_plausible(report: &TeamReport) -> bool {
-    let is_near = |x: f32, y: f32| x.abs() < 100.0 && y.abs() < 100.0;
-    let pose = report
-        .pose
-        .is_none_or(|pose| is_near(pose.x, pose.y) && pose.theta.is_finite());
-    let ball = report.ball.is_none_or(|ball| {
-        let [xx, xy, yy] = ball.covariance;
-        is_near(ball.at.x, ball.at.y)
-            && ball.velocity.iter().all(|speed| speed.abs() < 100.0)
-            && xx >= 0.0
-            && yy >= 0.0
-            && xx * yy - xy * xy >= 0.0
-            && xx + yy < 1e4
-    });
-    pose && ball && report.obstacles.iter().all(|at| is_near(at.x, at.y))
 }

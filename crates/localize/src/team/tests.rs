@@ -8,7 +8,7 @@ use crate::estimate::Estimate;
 use crate::frames::{At, Pose};
 use crate::stamp::Stamp;
 use crate::synthetic::team_ball::{TeamExperiment, evaluate_team_ball};
-use crate::world::{FieldState, TrackedObject, WorldView};
+use crate::world::{BallSighting, FieldState, TrackedObject, WorldView};
 
 fn measurement(robot: u32, x: f32, y: f32, std: f32) -> BallMeasurement {
     BallMeasurement {
@@ -33,6 +33,7 @@ fn report(robot: u32, x: f32, y: f32) -> TeamReport {
             last_seen: Stamp(0),
         }),
         obstacles: Vec::new(),
+        ball_sighting: None,
     }
 }
 
@@ -62,7 +63,7 @@ fn world_with_ball(x: f32, y: f32) -> WorldView {
     };
     WorldView {
         ball: Some(ball),
-        robots: Vec::new(),
+        ..WorldView::default()
     }
 }
 
@@ -181,6 +182,13 @@ proptest! {
                     last_seen: Stamp(last_seen),
                 }),
                 obstacles: vec![At::new(y, x)],
+                ball_sighting: Some(BallSighting {
+                    azimuth: x,
+                    elevation: y,
+                    std: [xx, yy],
+                    viewpoint_height: vx,
+                    distance: None,
+                }),
             });
             let view = team.update(Stamp(stamp), &world_with_ball(3.0, 1.0), &estimate(half_known));
             let ball = view.ball.expect("our own ball or a team-mate's");

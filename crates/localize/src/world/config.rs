@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{SettingError, WORLD_BOUNDS, check_bounds};
+use crate::flight::FlightConfig;
 
 /// The world model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -24,6 +25,8 @@ pub struct WorldConfig {
     pub tilt_std_deg: f32,
     /// Standard deviation added to that of each detection, metres (calibration, shading of the ball).
     pub position_std: f32,
+    /// The ball in the air.
+    pub flight: FlightConfig,
     /// Range uncertainty of an airborne object, as a share of its ground point's distance. The object is nearer than
     /// its ground point.
     pub airborne_range_share: f32,
@@ -78,6 +81,7 @@ impl Default for WorldConfig {
             tilt_std_deg: 0.15,
             position_std: 0.02,
             // A ball at a height of 0.4 m, seen from a mirror at 0.8 m, appears twice as far away.
+            flight: FlightConfig::default(),
             airborne_range_share: 0.5,
             robot_radius: 0.25,
         }

@@ -4,6 +4,7 @@
 //! ball needs no position on the field. Field coordinates follow from the pose and include its covariance. Stamps are
 //! arguments, and equal inputs give equal bits.
 
+mod airborne;
 mod config;
 mod observation;
 mod odometry_buffer;
@@ -13,9 +14,11 @@ mod track;
 
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2};
 
+pub use airborne::{AirborneState, BallInAir, BallSighting};
 pub use config::{ObjectTrackConfig, WorldConfig};
 pub use observation::{ObjectObservation, OdometryFrame, TeamColour, WorldObservation};
 
+use airborne::{AirborneBall, TrackedAirborne};
 use observation::Measurement;
 use odometry_buffer::OdometryBuffer;
 use track::ObjectTrack;
@@ -66,6 +69,10 @@ pub struct WorldView {
     pub ball: Option<TrackedObject>,
     /// Robots, the oldest track first.
     pub robots: Vec<TrackedObject>,
+    /// The ball in the air. None if it is on the ground, or was not seen in this image. `ball` then is the point below it.
+    pub ball_in_air: Option<BallInAir>,
+    /// Direction in which the ball was seen in this image.
+    pub ball_sighting: Option<BallSighting>,
 }
 
 /// Tracks objects from image to image.
@@ -77,6 +84,7 @@ pub struct WorldModel {
     motion: OdometryBuffer,
     balls: Vec<ObjectTrack>,
     robots: Vec<ObjectTrack>,
+    airborne: AirborneBall,
     next_id: u32,
     last: Option<LastImage>,
 }
@@ -92,6 +100,7 @@ impl WorldModel {
     /// A model without tracks; `viewpoint_height`: of the mirror above the ground, metres.
     pub fn new(config: WorldConfig, viewpoint_height: f32) -> Self {
         WorldModel {
+            airborne: AirborneBall::new(&config.flight),
             config,
             viewpoint_height,
             motion: OdometryBuffer::default(),
@@ -121,8 +130,18 @@ impl WorldModel {
             // An image older than the last one is ignored.
             return WorldView::default();
         };
+        let (mut ball_sighting, mut airborne) = (None, None);
         if let Some(observation) = observation {
-            self.update_tracks(stamp, observation, estimate.tilt, odometry_from_robot);
+            (ball_sighting, airborne) =
+                self.follow_flight(stamp, observation, estimate.tilt, odometry_from_robot);
+            let airborne = airborne.as_ref();
+            self.update_tracks(
+                stamp,
+                observation,
+                estimate.tilt,
+                odometry_from_robot,
+                airborne,
+            );
         }
         let config = &self.config;
         for (tracks, object) in [
@@ -143,6 +162,12 @@ impl WorldModel {
                 .filter(|track| track.is_confirmed(&config.robots))
                 .map(|track| view.tracked_object(track))
                 .collect(),
+            ball_in_air: airborne.map(|airborne| {
+                let robot_from_odometry = view.robot_from_odometry;
+                self.airborne
+                    .output(&airborne, robot_from_odometry, view.pose)
+            }),
+            ball_sighting,
         }
     }
 
@@ -161,6 +186,7 @@ impl WorldModel {
             // A clock was reset, or there were no images for long.
             self.balls.clear();
             self.robots.clear();
+            self.airborne.reset();
             self.last = None;
         } else if gap < 0.0 {
             return None;
@@ -172,6 +198,10 @@ impl WorldModel {
             .map(|(last, pose)| last.inverse() * pose);
         let is_motion_known = self.motion.advance_to(stamp, pose_increment, correction);
         self.last = Some(LastImage { stamp, pose });
+        if !is_motion_known {
+            // A path in a frame that jumps is none.
+            self.airborne.reset();
+        }
         let config = &self.config;
         // Without odometry and poses the robot may have driven in any direction.
         let unknown_distance = if is_motion_known {
@@ -199,16 +229,41 @@ impl WorldModel {
         Some(self.motion.pose_at_image())
     }
 
+    /// The direction of the ball in an image, and its flight if it is in the air.
+    fn follow_flight(
+        &mut self,
+        stamp: Stamp,
+        observation: &WorldObservation,
+        tilt: [f32; 2],
+        odometry_from_robot: Tf<OdometryFrame, RobotFrame>,
+    ) -> (Option<BallSighting>, Option<TrackedAirborne>) {
+        let tilt_std = self.config.tilt_std_deg.to_radians();
+        let height = self.viewpoint_height;
+        let ball = observation.ball.as_ref();
+        let sighting = ball.and_then(|ball| self.airborne.sighting(ball, tilt, tilt_std, height));
+        let airborne = sighting
+            .as_ref()
+            .and_then(|sighting| self.airborne.update(stamp, sighting, odometry_from_robot));
+        (sighting, airborne)
+    }
+
     fn update_tracks(
         &mut self,
         stamp: Stamp,
         observation: &WorldObservation,
         tilt: [f32; 2],
         odometry_from_robot: Tf<OdometryFrame, RobotFrame>,
+        airborne: Option<&TrackedAirborne>,
     ) {
         let measure =
             |object: &ObjectObservation| self.measurement_from(object, tilt, odometry_from_robot);
-        let balls: Vec<Measurement> = observation.ball.iter().filter_map(measure).collect();
+        let mut balls: Vec<Measurement> = observation.ball.iter().filter_map(measure).collect();
+        if let Some(airborne) = airborne {
+            // The point below a ball in the air, in place of the ground behind it.
+            for ball in &mut balls {
+                airborne.move_measurement(ball, odometry_from_robot.inverse());
+            }
+        }
         let robots: Vec<Measurement> = observation.robots.iter().filter_map(measure).collect();
         let view = VisibleArea {
             robot_from_odometry: odometry_from_robot.inverse(),

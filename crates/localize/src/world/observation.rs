@@ -31,6 +31,8 @@ pub struct ObjectObservation {
     pub airborne: bool,
     /// Its team's colour, if detected.
     pub team: Option<TeamColour>,
+    /// Distance from the viewpoint by the apparent size, and its standard deviation, metres.
+    pub distance: Option<[f32; 2]>,
 }
 
 /// The detected objects of an image.

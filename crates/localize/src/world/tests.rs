@@ -62,6 +62,7 @@ impl TrackingScene {
             score: 0.9,
             airborne: false,
             team: None,
+            distance: None,
         }
     }
 
@@ -247,6 +248,7 @@ fn single_false_alarm_and_non_finite_observations_give_no_object() {
         score: 1.0,
         airborne: true,
         team: Some(TeamColour::Cyan),
+        distance: None,
     };
     let observation = WorldObservation {
         ball: Some(nonsense),

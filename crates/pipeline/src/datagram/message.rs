@@ -1,7 +1,8 @@
 //! Which messages do other programs receive? Those of `docs/network.proto`, in protobuf and JSON.
 
 use localize::estimate::Estimate;
-use localize::world::{TeamColour, TrackedObject};
+use localize::flight::BallMotionMode;
+use localize::world::{AirborneState, TeamColour, TrackedObject};
 use serde::{Deserialize, Serialize};
 
 use crate::cycle::Cycle;
@@ -49,6 +50,44 @@ pub struct State {
     #[prost(string)]
     #[serde(default)]
     pub command_fault: String,
+    /// The ball in the air. None while it is on the ground.
+    #[prost(message, optional)]
+    #[serde(default)]
+    pub ball_in_air: Option<AirborneBall>,
+    /// The ball at the height at which the rays of several robots meet, field frame.
+    #[prost(message, optional)]
+    #[serde(default)]
+    pub team_ball_in_space: Option<AirborneBall>,
+}
+
+/// A ball above the ground, field frame unless named otherwise.
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct AirborneBall {
+    /// Probability that it is in the air. Of the team's ball: 1 if it flies or is held, 0 if it is on the ground.
+    #[prost(float)]
+    pub probability: f32,
+    /// Position of the centre relative to the robot: forward, left, up, metres.
+    #[prost(float, repeated)]
+    pub from_robot: Vec<f32>,
+    /// Position of the centre: x, y, z, metres. Empty while the robot is lost.
+    #[prost(float, repeated)]
+    pub position: Vec<f32>,
+    /// m/s.
+    #[prost(float, repeated)]
+    pub velocity: Vec<f32>,
+    /// Covariance of the position: xx, xy, xz, yy, yz, zz, m².
+    #[prost(float, repeated)]
+    pub covariance: Vec<f32>,
+    /// Seconds to the next contact with the ground. 0 if unknown.
+    #[prost(float)]
+    pub lands_after: f32,
+    /// Point of that contact: x, y, metres. Empty if unknown.
+    #[prost(float, repeated)]
+    pub landing: Vec<f32>,
+    /// Covariance of that point: xx, xy, yy, m².
+    #[prost(float, repeated)]
+    pub landing_covariance: Vec<f32>,
 }
 
 /// A pose on the field, metres and radians.
@@ -254,6 +293,30 @@ pub struct TeamMessage {
     /// Robots tracked by the sender.
     #[prost(message, repeated)]
     pub obstacles: Vec<ObjectState>,
+    /// Direction in which the sender saw the ball at `stamp_ns`. None if it did not.
+    #[prost(message, optional)]
+    pub ball_ray: Option<BallRay>,
+}
+
+/// The direction of the ball's centre from the sender's mirror, field frame.
+#[derive(Clone, PartialEq, prost::Message)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct BallRay {
+    /// Radians counter-clockwise from the field's x axis.
+    #[prost(float)]
+    pub azimuth: f32,
+    /// Angle above the horizontal, radians.
+    #[prost(float)]
+    pub elevation: f32,
+    /// Standard deviation of the azimuth without that of the pose, radians.
+    #[prost(float)]
+    pub azimuth_std: f32,
+    /// Standard deviation of the elevation, radians.
+    #[prost(float)]
+    pub elevation_std: f32,
+    /// Height of the mirror above the ground, metres.
+    #[prost(float)]
+    pub height: f32,
 }
 
 /// Reception of another robot's message.
@@ -301,6 +364,34 @@ impl State {
             }),
             boot: 0,
             command_fault: String::new(),
+            ball_in_air: cycle.world.ball_in_air.as_ref().map(|ball| AirborneBall {
+                probability: ball.probability,
+                from_robot: ball.from_robot.at.to_vec(),
+                ..AirborneBall::on_field(ball.on_field.as_ref())
+            }),
+            team_ball_in_space: cycle.team.triangulated.as_ref().map(|ball| AirborneBall {
+                probability: f32::from(ball.mode != BallMotionMode::Ground),
+                ..AirborneBall::on_field(Some(&ball.state))
+            }),
+        }
+    }
+}
+
+impl AirborneBall {
+    fn on_field(state: Option<&AirborneState>) -> Self {
+        let Some(state) = state else {
+            return AirborneBall::default();
+        };
+        let landing = state.landing;
+        AirborneBall {
+            position: state.at.to_vec(),
+            velocity: state.velocity.to_vec(),
+            covariance: state.covariance.to_vec(),
+            lands_after: landing.map_or(0.0, |landing| landing.after),
+            landing: landing.map_or_else(Vec::new, |landing| landing.at.to_vec()),
+            landing_covariance: landing
+                .map_or_else(Vec::new, |landing| landing.covariance.to_vec()),
+            ..AirborneBall::default()
         }
     }
 }

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use anyhow::Result;
-use localize::frames::At;
+use localize::frames::{At, wrap_angle};
 use localize::team::{ReportedBall, TeamReport};
-use localize::world::TrackedObject;
+use localize::world::{BallSighting, TrackedObject};
 use localize::{Pose, Stamp};
 use prost::Message;
 
@@ -13,7 +13,7 @@ use super::TeamLinkConfig;
 use super::peer_clock::PeerClock;
 use crate::cycle::Cycle;
 use crate::datagram::authentication::{MacKey, RejectReason, ReplayGuard, append_mac, verify_mac};
-use crate::datagram::message::{self, Echo, ObjectState, TeamMessage, VERSION};
+use crate::datagram::message::{self, BallRay, Echo, ObjectState, TeamMessage, VERSION};
 
 /// Number of stored senders: more than a team has. Bounds the memory if a foreign program invents robot numbers.
 const MAX_PEERS: usize = 16;
@@ -110,6 +110,7 @@ impl TeamLink {
                 .filter_map(object_state)
                 .take(MAX_OBSTACLES)
                 .collect(),
+            ball_ray: ball_ray(cycle),
         };
         append_mac(message.encode_to_vec(), self.key.as_ref())
     }
@@ -229,7 +230,34 @@ fn report_from_message(message: &TeamMessage, ours: impl Fn(i64) -> Stamp) -> Te
             .iter()
             .map(|obstacle| At::new(obstacle.x, obstacle.y))
             .collect(),
+        ball_sighting: message.ball_ray.as_ref().map(|ray| BallSighting {
+            azimuth: ray.azimuth,
+            elevation: ray.elevation,
+            std: [ray.azimuth_std, ray.elevation_std],
+            viewpoint_height: ray.height,
+            distance: None,
+        }),
     }
+}
+
+/// The direction of the ball in the field frame; None while the robot is lost.
+fn ball_ray(cycle: &Cycle) -> Option<BallRay> {
+    let (sighting, pose) = (cycle.world.ball_sighting?, cycle.estimate.pose?);
+    Some(BallRay {
+        azimuth: wrap_angle(sighting.azimuth + pose.theta),
+        elevation: sighting.elevation,
+        azimuth_std: sighting.std[0],
+        elevation_std: sighting.std[1],
+        height: sighting.viewpoint_height,
+    })
+}
+
+fn ray_is_plausible(ray: &BallRay) -> bool {
+    ray.azimuth.abs() < 100.0
+        && ray.elevation.abs() < 2.0
+        && (1e-5..10.0).contains(&ray.azimuth_std)
+        && (1e-5..10.0).contains(&ray.elevation_std)
+        && (0.0..10.0).contains(&ray.height)
 }
 
 fn object_state(object: &TrackedObject) -> Option<ObjectState> {
@@ -261,6 +289,7 @@ fn is_plausible(message: &TeamMessage) -> bool {
     pose && message.ball.as_ref().is_none_or(object_is_plausible)
         && message.obstacles.len() <= MAX_OBSTACLES
         && message.obstacles.iter().all(object_is_plausible)
+        && message.ball_ray.as_ref().is_none_or(ray_is_plausible)
 }
 
 #[cfg(test)]

@@ -44,6 +44,7 @@ fn cycle(index: u64) -> Cycle {
             stamp,
             pose,
             ball: None,
+            ball_height: 0.0,
             robots: Vec::new(),
             robot_headings: Vec::new(),
             people: Vec::new(),

@@ -115,6 +115,7 @@ mod tests {
             stamp: Stamp::from_seconds(seconds),
             pose: Pose::new(x, 0.0, theta),
             ball: None,
+            ball_height: 0.0,
             robots: Vec::new(),
             robot_headings: Vec::new(),
             people: Vec::new(),

@@ -212,6 +212,7 @@ fn scenario(
         rocking: crate::rocking::RockingConfig::upright(),
         kidnaps: Vec::new(),
         knocks: Vec::new(),
+        kicks: Vec::new(),
         pushes,
         occlusions: Vec::new(),
         faults: Vec::new(),

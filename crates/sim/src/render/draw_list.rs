@@ -21,6 +21,8 @@ use localize::world::TeamColour;
 const LIGHT_DIRECTION: [f32; 2] = [0.8, 0.6];
 /// Ground clearance of robots' bodies, metres.
 const CLEARANCE: f32 = 0.03;
+/// Growth of a ball's shadow with its height: radii per radius.
+const LAMP_SPREAD: f32 = 0.3;
 /// Mesh and cord of a net, metres.
 const NET: [f32; 2] = [0.12, 0.008];
 
@@ -73,13 +75,8 @@ impl DrawList {
         for person in scene.people {
             builder.add_person(person);
         }
-        if let Some(SceneBall {
-            at,
-            diameter,
-            colour,
-        }) = scene.ball
-        {
-            builder.add_ball(at.x, at.y, diameter / 2.0, linear(colour));
+        if let Some(ball) = &scene.ball {
+            builder.add_ball(ball);
         }
         let mut draw_list = builder.list;
         // The sort is stable: parts of one robot keep their order, from the ground up.
@@ -189,6 +186,7 @@ impl DrawListBuilder<'_> {
             x: at.x,
             y: at.y,
             radius: side * 1.2,
+            depth: Shadow::DEPTH,
             underbody: Underbody {
                 half: side,
                 cos,
@@ -234,16 +232,21 @@ impl DrawListBuilder<'_> {
             x: at.x,
             y: at.y,
             radius: 0.25,
+            depth: Shadow::DEPTH,
             underbody: Underbody::NONE,
         });
     }
 
-    fn add_ball(&mut self, x: f32, y: f32, radius: f32, colour: [f32; 3]) {
-        let colour = self.apply_light(x, y, colour);
-        let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
+    /// Adds a ball. Higher up, its shadow is larger and fainter: the lamps of a hall cover part of the ceiling.
+    fn add_ball(&mut self, ball: &SceneBall) {
+        let radius = ball.diameter / 2.0;
+        let colour = self.apply_light(ball.at.x, ball.at.y, linear(ball.colour));
+        let at: At<RobotFrame> = self.robot_from_field * ball.at;
+        let wider = 1.0 + LAMP_SPREAD * ball.height / radius;
         let sphere = Sphere {
             x: at.x,
             y: at.y,
+            bottom: ball.height,
             radius,
             colour,
         };
@@ -253,7 +256,8 @@ impl DrawListBuilder<'_> {
         self.list.shadows.push(Shadow {
             x: at.x,
             y: at.y,
-            radius: radius * 0.9,
+            radius: radius * 0.9 * wider,
+            depth: Shadow::DEPTH / (wider * wider),
             underbody: Underbody::NONE,
         });
     }

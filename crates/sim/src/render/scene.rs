@@ -26,11 +26,13 @@ pub struct Scene<'a> {
     pub occluded_sectors: &'a [Sector],
 }
 
-/// A ball on the ground.
+/// The ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SceneBall {
-    /// Where it touches the ground.
+    /// Point of the carpet below its centre.
     pub at: At<FieldFrame>,
+    /// Height of its lowest point above the carpet, metres.
+    pub height: f32,
     /// Diameter, metres.
     pub diameter: f32,
     /// sRGB.

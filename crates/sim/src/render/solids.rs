@@ -31,11 +31,13 @@ pub(super) enum Outline {
     },
 }
 
-/// A ball on the ground, robot frame.
+/// A ball, robot frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sphere {
     pub(super) x: f32,
     pub(super) y: f32,
+    /// Of its lowest point, metres.
+    pub(super) bottom: f32,
     pub(super) radius: f32,
     pub(super) colour: [f32; 3],
 }
@@ -103,7 +105,8 @@ impl Primitive {
                 rays.range_of_cylinder(solid.x, solid.y, radius, solid.bottom, solid.top)
             }
             Primitive::Sphere(ball) => {
-                rays.range_of_cylinder(ball.x, ball.y, ball.radius, 0.0, 2.0 * ball.radius)
+                let top = ball.bottom + 2.0 * ball.radius;
+                rays.range_of_cylinder(ball.x, ball.y, ball.radius, ball.bottom, top)
             }
             Primitive::Panel(Panel { from, to, top, .. }) => {
                 let (mx, my) = ((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
@@ -287,6 +290,7 @@ fn draw_sphere(
     context: &DrawContext,
     light_buffer: &mut LightBuffer,
 ) {
+    let centre = ball.bottom + ball.radius;
     for run in context.rays.runs_in(range, context.tile) {
         let RayRun {
             origin: [ox, oy, oz],
@@ -299,7 +303,7 @@ fn draw_sphere(
             let slope = slopes[i];
             let scale = 1.0 / (1.0 + slope * slope).sqrt();
             let direction = [tx[i] * scale, ty[i] * scale, slope * scale];
-            let to = [ball.x - ox[i], ball.y - oy[i], ball.radius - oz[i]];
+            let to = [ball.x - ox[i], ball.y - oy[i], centre - oz[i]];
             let along = to[0] * direction[0] + to[1] * direction[1] + to[2] * direction[2];
             if along <= 0.0 {
                 continue;
@@ -315,7 +319,7 @@ fn draw_sphere(
                 continue;
             }
             let way = along - (ball.radius * ball.radius - square).max(0.0).sqrt();
-            let up = (oz[i] + way * direction[2] - ball.radius) / ball.radius;
+            let up = (oz[i] + way * direction[2] - centre) / ball.radius;
             // Light from above, some reflected by the carpet, a highlight on top.
             let bright = 0.52 + 0.5 * up.clamp(-1.0, 1.0);
             let shine = 0.35 * (up - 0.82).max(0.0) / 0.18;
@@ -401,12 +405,14 @@ fn net_coverage(at: f32, mesh: f32, cord: f32, width: f32) -> f32 {
     if width >= mesh { cord / mesh } else { fine }
 }
 
-/// A shadow on the floor: half the light at its centre, full light at twice its radius.
+/// A shadow on the floor: darkest at its centre, full light at twice its radius.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shadow {
     pub(super) x: f32,
     pub(super) y: f32,
     pub(super) radius: f32,
+    /// Share of the light that it takes at its centre.
+    pub(super) depth: f32,
     /// The object's underside, which shades the floor below it.
     pub(super) underbody: Underbody,
 }
@@ -431,6 +437,9 @@ impl Underbody {
 }
 
 impl Shadow {
+    /// Share of the light that an object on the floor takes.
+    pub(super) const DEPTH: f32 = 0.5;
+
     /// The rays that may meet it.
     pub(super) fn ray_range(&self, rays: &SortedRays) -> RayRange {
         rays.range_of_cylinder(self.x, self.y, 2.0 * self.radius, 0.0, 0.0)
@@ -459,7 +468,7 @@ impl Shadow {
                 );
                 let deep = (under.half - across.max(along)).max(0.0);
                 let slit = 1.0 - deep / (deep * deep + height2).sqrt();
-                let left = (1.0 - 0.5 * inside * inside) * slit;
+                let left = (1.0 - self.depth * inside * inside) * slit;
                 red[i] *= left;
                 green[i] *= left;
                 blue[i] *= left;

@@ -425,3 +425,64 @@ fn scattered_light_brightens_the_dark_and_mosaic_noise_is_correlated() {
     assert!(correlation[0].abs() < 0.15, "{correlation:?}");
     assert!(correlation[1] > 0.2, "{correlation:?}");
 }
+
+#[test]
+fn ball_in_the_air_is_rendered_on_its_rays_and_shades_the_floor_below() {
+    let ball = |height: f32| SceneBall {
+        at: At::new(2.0, 0.6),
+        height,
+        diameter: 0.22,
+        colour: [245, 125, 20],
+    };
+    let mut fixture = render_fixture(Mount::default());
+    let mut image = |ball: Option<SceneBall>| {
+        let mut rgb = Vec::new();
+        let scene = Scene {
+            ball,
+            ..Scene::default()
+        };
+        fixture
+            .renderer
+            .render(&scene, &fixture.sensor_config, &mut rgb);
+        rgb
+    };
+    let empty = image(None);
+    let views = [0.0, 0.3].map(|height| (height, image(Some(ball(height)))));
+    for (height, rgb) in &views {
+        let (mut inside, mut missing, mut stray, mut shaded) = (0, 0, 0, [0.0, 0.0]);
+        for (pixel, (now, before)) in rgb.chunks(3).zip(empty.chunks(3)).enumerate() {
+            let Some(ray) = fixture.table.rays[pixel] else {
+                continue;
+            };
+            let redness = |rgb: &[u8]| f32::from(rgb[0]) - f32::from(rgb[2]);
+            let orange = redness(now) - redness(before) > 25.0;
+            // Distance of the sphere's centre from the ray, radii.
+            let centre = [2.0, 0.6, height + 0.11];
+            let to: [f32; 3] = std::array::from_fn(|axis| centre[axis] - ray.origin[axis]);
+            let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+            let along = dot(to, ray.direction) / dot(ray.direction, ray.direction).sqrt();
+            let miss = (dot(to, to) - along * along).max(0.0).sqrt() / 0.11;
+            inside += usize::from(miss < 0.85);
+            missing += usize::from(miss < 0.85 && !orange);
+            stray += usize::from(miss > 1.3 && orange);
+            let Some(ground) = ray.at_height(0.0) else {
+                continue;
+            };
+            // The floor under the ball, as far as the ball does not hide it.
+            if miss > 1.5 && ground.distance_to(At::new(2.0, 0.6)) < 0.06 {
+                shaded[0] += f32::from(before[1]);
+                shaded[1] += f32::from(now[1]);
+            }
+        }
+        assert!(inside > 20, "{height}: {inside}");
+        // A rod of the robot hides some pixels.
+        assert!(
+            50 * missing <= inside && stray == 0,
+            "{height}: {missing} of {inside}, {stray}"
+        );
+        if *height > 0.0 {
+            let share = shaded[1] / shaded[0];
+            assert!((0.6..0.995).contains(&share), "{height}: {share}");
+        }
+    }
+}

@@ -33,6 +33,10 @@ pub enum ScenarioError {
 /// Largest accepted coordinate (metres) and heading (degrees).
 const COORDINATE_MAX: f32 = 1000.0;
 
+/// Largest accepted height (metres) and speed (m/s) of a ball in the air.
+const HEIGHT_MAX: f32 = 100.0;
+const SPEED_MAX: f32 = 100.0;
+
 /// Most other robots: five against five and a referee.
 const OTHERS_MAX: usize = 10;
 
@@ -138,15 +142,7 @@ impl Scenario {
                 );
             }
         }
-        if !(0.0..=1.0).contains(&self.ball.restitution) {
-            return refuse(
-                "ball.restitution",
-                format!(
-                    "invalid restitution: {} (expected 0 to 1)",
-                    self.ball.restitution
-                ),
-            );
-        }
+        self.check_ball()?;
         let others =
             self.others.opponents + self.others.mates + self.others.placed.len() + self.squad.len();
         let RadioConfig {
@@ -192,6 +188,70 @@ impl Scenario {
         self.rocking
             .check()
             .map_err(|(key, reason)| (format!("rocking.{key}"), reason))
+    }
+
+    /// The first invalid value of the ball and its kicks, and the reason.
+    fn check_ball(&self) -> Result<(), (String, String)> {
+        let (ball, others) = (&self.ball, &self.others);
+        let mut values = vec![
+            ("ball.restitution".to_owned(), ball.restitution, 0.0, 1.0),
+            (
+                "ball.floor_restitution".to_owned(),
+                ball.floor_restitution,
+                0.0,
+                0.99,
+            ),
+            (
+                "ball.drag_coefficient".to_owned(),
+                ball.drag_coefficient,
+                0.0,
+                100.0,
+            ),
+            ("ball.height".to_owned(), ball.height, 0.0, HEIGHT_MAX),
+            (
+                "ball.vertical_velocity".to_owned(),
+                ball.vertical_velocity,
+                -SPEED_MAX,
+                SPEED_MAX,
+            ),
+            (
+                "others.lofted_share".to_owned(),
+                others.lofted_share,
+                0.0,
+                1.0,
+            ),
+            ("others.loft_deg".to_owned(), others.loft_deg, 0.0, 85.0),
+        ];
+        for (index, kick) in self.kicks.iter().enumerate() {
+            let key = |name: &str| format!("kicks[{index}].{name}");
+            values.extend([
+                (key("time"), kick.time as f32, 0.0, f32::MAX),
+                (key("height"), kick.height, 0.0, HEIGHT_MAX),
+                (
+                    key("vertical_velocity"),
+                    kick.vertical_velocity,
+                    -SPEED_MAX,
+                    SPEED_MAX,
+                ),
+            ]);
+            values.extend(
+                kick.velocity
+                    .map(|value| (key("velocity"), value, -SPEED_MAX, SPEED_MAX)),
+            );
+            let position = kick.position.unwrap_or_default();
+            let position =
+                position.map(|value| (key("position"), value, -COORDINATE_MAX, COORDINATE_MAX));
+            values.extend(position);
+        }
+        for (key, value, least, most) in values {
+            if !(least..=most).contains(&value) {
+                return Err((
+                    key,
+                    format!("invalid value: {value} (expected {least} to {most})"),
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// The first occlusion or fault with invalid times, and the reason.

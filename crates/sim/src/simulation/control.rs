@@ -4,11 +4,15 @@ use localize::frames::{At, FieldFrame, Pose};
 use localize::omni::Twist;
 
 use super::Simulator;
+use crate::behaviour::{is_kickable, kick_velocity};
 use crate::image_sensor::ImageSensorConfig;
 use crate::people::Person;
-use crate::scenario::FaultKind;
+use crate::scenario::{BallKick, FaultKind};
 use crate::sector::Sector;
 use crate::world::{BallState, RobotState};
+
+/// Angle of our robot's lofted kicks above the carpet, degrees.
+const LOFT_DEG: f32 = 40.0;
 
 impl Simulator {
     /// Overrides the scenario's path; `None` ends the override.
@@ -54,9 +58,48 @@ impl Simulator {
         self.world.apply_impulse(impulse);
     }
 
-    /// Places the ball with a velocity (m/s, field frame).
+    /// Places the ball on the ground with a velocity (m/s, field frame).
     pub fn place_ball(&mut self, at: At<FieldFrame>, velocity: [f32; 2]) {
         self.world.place_ball(at, velocity);
+    }
+
+    /// Places the ball anywhere with a velocity, without spin.
+    pub fn set_ball_state(&mut self, state: &BallState) {
+        self.world.set_ball_state(state);
+    }
+
+    /// Our robot kicks the ball if it lies before it: `speed` in m/s, `lofted` 40° upwards. False if out of reach.
+    pub fn kick(&mut self, speed: f32, lofted: bool) -> bool {
+        let robot = self.world.robot();
+        let reach = |ball: &BallState| is_kickable(ball, &robot);
+        let Some(ball) = self.world.ball().filter(reach) else {
+            return false;
+        };
+        let loft = if lofted { LOFT_DEG } else { 0.0 };
+        let velocity = kick_velocity(speed, robot.pose.theta, loft.to_radians());
+        self.world.set_ball_state(&BallState {
+            velocity: [velocity[0], velocity[1]],
+            vertical_velocity: velocity[2],
+            ..ball
+        });
+        true
+    }
+
+    /// A kick of the scenario.
+    pub(super) fn kick_from_scenario(&mut self, kick: &BallKick) {
+        let Some(ball) = self.world.ball() else {
+            return;
+        };
+        let (at, height) = match kick.position {
+            Some([x, y]) => (At::new(x, y), kick.height),
+            None => (ball.at, ball.height),
+        };
+        self.world.set_ball_state(&BallState {
+            at,
+            height,
+            velocity: kick.velocity,
+            vertical_velocity: kick.vertical_velocity,
+        });
     }
 
     /// Copies the states of the other robots and of the ball from another simulation of the same game, in which another
@@ -72,7 +115,7 @@ impl Simulator {
             self.world.set_other_state(index, state);
         }
         if let Some(ball) = ball {
-            self.world.place_ball(ball.at, ball.velocity);
+            self.world.set_ball_state(&ball);
         }
     }
 

@@ -166,6 +166,7 @@ pub struct Simulator {
     steps: i64,
     next_kidnap: usize,
     next_push: usize,
+    next_kick: usize,
     next_knock: usize,
     /// Sum of accelerations since the last IMU sample, and the number of steps.
     acceleration_sum: ([f64; 2], u32),
@@ -308,6 +309,7 @@ impl Simulator {
             steps: 0,
             next_kidnap: 0,
             next_push: 0,
+            next_kick: 0,
             next_knock: 0,
             acceleration_sum: ([0.0; 2], 0),
             frozen_heading: None,
@@ -421,6 +423,13 @@ impl Simulator {
             self.next_push += 1;
             self.world.apply_impulse(push.impulse);
         }
+        while let Some(&kick) = self.scenario.kicks.get(self.next_kick) {
+            if kick.time > time {
+                break;
+            }
+            self.next_kick += 1;
+            self.kick_from_scenario(&kick);
+        }
         while let Some(knock) = self.scenario.knocks.get(self.next_knock) {
             if knock.time > time {
                 break;
@@ -478,10 +487,11 @@ impl Simulator {
     }
 }
 
-/// The scenario with its kidnaps, pushes and knocks in order of time.
+/// The scenario with its kidnaps, pushes, kicks and knocks in order of time.
 fn sorted(mut scenario: Scenario) -> Scenario {
     scenario.kidnaps.sort_by(|a, b| a.time.total_cmp(&b.time));
     scenario.pushes.sort_by(|a, b| a.time.total_cmp(&b.time));
+    scenario.kicks.sort_by(|a, b| a.time.total_cmp(&b.time));
     scenario.knocks.sort_by(|a, b| a.time.total_cmp(&b.time));
     scenario
 }

@@ -138,6 +138,7 @@ impl Simulator {
             people: &truth.people,
             ball: truth.ball.map(|state| SceneBall {
                 at: state.at,
+                height: state.height,
                 diameter: ball.diameter,
                 colour: ball.colour,
             }),

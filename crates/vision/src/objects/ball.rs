@@ -29,6 +29,9 @@ pub struct BallDetection {
     pub position_px: [f32; 2],
     /// Number of pixels of the region.
     pub pixels: usize,
+    /// Distance of the centre from the viewpoint by the apparent size, and its standard deviation, metres. None for a ball
+    /// on the ground, whose size was not measured.
+    pub distance: Option<[f32; 2]>,
 }
 
 /// Detects the ball in one image.
@@ -73,6 +76,8 @@ impl VisitedMask {
 /// Largest region, pixels, and as a share of a whole ball on the ground: a ball in the air appears larger.
 const REGION_PIXELS_MAX: usize = 20_000;
 const PIXELS_SHARE_MAX: f32 = 5.0;
+/// Standard deviation of a distance by the size of the region: its edge is blurred, and its shaded side may be missing.
+const DISTANCE_STD_SHARE: f32 = 0.2;
 /// Length of a ball's region over the square root of its pixels, with room for one that the mirror draws long.
 const REACH_SHARE: f32 = 1.6;
 
@@ -252,6 +257,10 @@ impl BallDetector<'_> {
             score: share.min(1.0 / share).min(1.0) * part.min(1.0 / part).min(1.0).sqrt(),
             position_px: [u, v],
             pixels: region.len(),
+            distance: (whole && !on_ground).then(|| {
+                let distance = config.ball_radius / math::sin(half_expected * share.sqrt());
+                [distance, DISTANCE_STD_SHARE * distance]
+            }),
         })
     }
 

@@ -181,6 +181,7 @@ impl PixelStage {
             score: candidate.probability,
             position_px,
             pixels: pixels.max(1.0) as usize,
+            distance: None,
         };
         Some((*candidate, ball))
     }

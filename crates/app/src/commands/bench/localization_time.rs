@@ -4,13 +4,14 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use anyhow::Result;
+use localize::flight::{BallRay, FlightConfig, FlightTracker, RobotRay, triangulate};
 use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior};
 use localize::global_search::hough::Hough;
 use localize::global_search::monte_carlo::MonteCarlo;
 use localize::global_search::scan_map::ScanMap;
 use localize::matching::Matcher;
 use localize::synthetic::drive::{SyntheticDrive, SyntheticDriveConfig, SyntheticSample};
-use localize::{DistanceField, Field, LocalizeConfig, Localizer, Pose};
+use localize::{DistanceField, Field, LocalizeConfig, Localizer, Pose, Stamp, math};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -38,6 +39,8 @@ pub(super) const NAMES: &[&str] = &[
     "map_correction",
     "exact_no_prior",
     "exact_compass",
+    "ball_flight",
+    "ball_rays_of_team",
 ];
 
 /// Times the matching, the tracking and the branch-and-bound search of the default preset.
@@ -87,7 +90,64 @@ pub(super) fn measure_localization(figures: &mut Figures) -> Result<()> {
         };
         black_box(search.find_hypotheses(&distances, &mut matcher, &frame.points, Some(prior)));
     });
+    measure_flight(figures);
     Ok(())
+}
+
+/// Times what a ball in the air adds to an image: the paths of one robot's rays, and the rays of four robots.
+fn measure_flight(figures: &mut Figures) {
+    let config = FlightConfig::default();
+    let ray = |image: i64, origin: [f32; 3]| {
+        // A ball that is kicked into the air after half a second, again and again.
+        let t = ((image % 45 - 15).max(0)) as f32 / 30.0;
+        let height = (0.11 + 4.0 * t - 4.9 * t * t).max(0.11);
+        let offset = [
+            2.0 + 3.0 * t - origin[0],
+            1.0 - t - origin[1],
+            height - origin[2],
+        ];
+        let level = math::hypot(offset[0], offset[1]);
+        let wobble = 0.003 * math::sin(2.4 * image as f32);
+        BallRay {
+            stamp: Stamp(image * 33_333_333),
+            origin,
+            azimuth: math::atan2(offset[1], offset[0]) + wobble,
+            elevation: math::atan2(offset[2], level) - wobble,
+            azimuth_std: 0.004,
+            elevation_std: 0.004,
+            distance: None,
+        }
+    };
+    let mut tracker = FlightTracker::new(config.clone());
+    let mut image = 0;
+    figures.time_calls("ball_flight", "<= 0.05", 3000, || {
+        image += 1;
+        black_box(tracker.update(&ray(image, [0.0, 0.0, 0.8])));
+    });
+    let origins = [
+        [-3.0, 0.0, 0.8],
+        [3.0, 1.0, 0.8],
+        [0.0, 4.0, 0.8],
+        [1.0, -4.0, 0.8],
+    ];
+    let rays: Vec<RobotRay> = (20..28)
+        .flat_map(|image| {
+            let of_robot = move |(robot, origin)| RobotRay {
+                robot: robot as u32,
+                ray: ray(image, origin),
+                pose_std: [0.03, 0.01],
+            };
+            // Team-mates report every second image.
+            origins
+                .into_iter()
+                .enumerate()
+                .filter(move |(robot, _)| *robot == 0 || image % 2 == 0)
+                .map(of_robot)
+        })
+        .collect();
+    figures.time_calls("ball_rays_of_team", "<= 0.05", 3000, || {
+        black_box(triangulate(&rays, &config));
+    });
 }
 
 /// Passes over the drive: the least time of an image counts, without what else the machine did.

@@ -119,6 +119,7 @@ impl DemoScene {
             robots: &self.robots,
             ball: Some(SceneBall {
                 at: At::new(2.5, 1.5),
+                height: 0.0,
                 diameter: ball.diameter,
                 colour: ball.colour,
             }),

@@ -8,10 +8,12 @@ use eframe::egui::{
     TextureOptions, Ui, Vec2,
 };
 use localize::Stamp;
+use localize::frames::{At, FieldFrame};
 use vision::image::Image;
 
 use super::camera_drawing::{self, CameraCanvas};
 use super::camera_layers::CameraLayers;
+use super::projected_markings::ProjectedMarkings;
 use crate::view::birds_eye::BIRDS_EYE_SIDE_PX;
 use crate::view::brush::Tool;
 use crate::view::layer_worker::LayerSelection;
@@ -41,6 +43,7 @@ pub(crate) struct CameraPanel {
     scan_texture: LayerTexture,
     birds_eye_texture: LayerTexture,
     mask: LayerTexture,
+    projected: ProjectedMarkings,
     /// Rendered mask, and the key of its inputs.
     mask_image: Option<(MaskKey, Arc<ColorImage>)>,
 }
@@ -96,20 +99,10 @@ impl CameraPanel {
             rendered_cycle.filter(|_| self.layer_selection() != LayerSelection::default());
         let cycle = rendered_cycle.unwrap_or(&now.cycle);
         let image = rgb_image(cycle).cloned();
-        let size = match (&image, &session.scene) {
-            _ if self.birds_eye => Vec2::splat(BIRDS_EYE_SIDE_PX as f32),
-            (Some(image), _) => Vec2::new(image.width_px as f32, image.height_px as f32),
-            (None, Some(scene)) => match &scene.camera {
-                Some(camera) => Vec2::new(camera.map.width_px as f32, camera.map.height_px as f32),
-                None => {
-                    ui.weak(
-                        "This source has no camera: its line points come from an external vision.",
-                    );
-                    return;
-                }
-            },
-            (None, None) => {
-                ui.weak("No image and no camera configuration.");
+        let size = match self.picture_size(image.as_deref(), session) {
+            Ok(size) => size,
+            Err(missing) => {
+                ui.weak(missing);
                 return;
             }
         };
@@ -130,29 +123,7 @@ impl CameraPanel {
         };
         fill_around(&painter, response.rect, covered, Color32::BLACK);
         self.draw_layers(ui, &painter, session, cycle, (&transform, size));
-        if let Some(scene) = &session.scene {
-            let visible = response.rect.intersect(transform.screen_rect(size));
-            let clipped = painter.with_clip_rect(visible);
-            let canvas = CameraCanvas {
-                painter: if self.birds_eye { &clipped } else { &painter },
-                transform,
-                scene,
-                cycle,
-                layers: &self.layers,
-                label_rects: RefCell::default(),
-                virtual_sensors: session
-                    .rendered_layers
-                    .virtual_sensors
-                    .as_deref()
-                    .map_or(&[], Vec::as_slice),
-            };
-            canvas.draw_selection(session.selection, self.birds_eye);
-            if self.birds_eye {
-                camera_drawing::draw_birds_eye_overlay(&canvas);
-            } else {
-                camera_drawing::draw_image_overlay(&canvas);
-            }
-        }
+        self.draw_overlay(&painter, session, cycle, (transform, size));
         if image.is_none() {
             painter.text(
                 response.rect.center_top() + Vec2::new(0.0, 8.0),
@@ -186,28 +157,92 @@ impl CameraPanel {
             );
         }
         let clicked = pointer.filter(|_| response.clicked() && !painting);
-        let selected = clicked.and_then(|pointer| {
-            let at = transform.to_picture(pointer);
-            let beside = at + Vec2::new(SELECT_RADIUS / transform.scale, 0.0);
-            let [place, beside] = [at, beside].map(|at| {
-                if self.birds_eye {
-                    PixelInfo::of_birds_eye(session, at.x, at.y).field
-                } else {
-                    PixelInfo::of_image(session, None, at.x, at.y).field
-                }
-            });
-            let place = place?;
-            // The ground that a click covers grows with the distance.
-            let radius = beside.map_or(SELECT_RADIUS_MIN, |beside| place.distance_to(beside));
-            Some((place, radius.clamp(SELECT_RADIUS_MIN, SELECT_RADIUS_MAX)))
-        });
-        if let Some((place, radius)) = selected {
+        if let Some((place, radius)) =
+            clicked.and_then(|pointer| self.clicked_ground(session, &transform, pointer))
+        {
             session.select_at(place, radius);
         }
         if let Some((pointer, (stamp, image))) = stroke {
             let at = transform.to_picture(pointer);
             session.calibration.brush.paint(stamp, &image, at);
         }
+    }
+
+    /// Draws detections, projected lines and the selection.
+    fn draw_overlay(
+        &mut self,
+        painter: &egui::Painter,
+        session: &Session,
+        cycle: &Cycle,
+        (transform, size): (ScreenTransform, Vec2),
+    ) {
+        if let Some(scene) = &session.scene {
+            if self.layers.field_lines && !self.birds_eye {
+                self.projected.update(scene, cycle);
+            }
+            let visible = painter.clip_rect().intersect(transform.screen_rect(size));
+            let clipped = painter.with_clip_rect(visible);
+            let canvas = CameraCanvas {
+                painter: if self.birds_eye { &clipped } else { painter },
+                transform,
+                scene,
+                cycle,
+                layers: &self.layers,
+                projected: &self.projected,
+                label_rects: RefCell::default(),
+                virtual_sensors: session
+                    .rendered_layers
+                    .virtual_sensors
+                    .as_deref()
+                    .map_or(&[], Vec::as_slice),
+            };
+            canvas.draw_selection(session.selection, self.birds_eye);
+            if self.birds_eye {
+                camera_drawing::draw_birds_eye_overlay(&canvas);
+            } else {
+                camera_drawing::draw_image_overlay(&canvas);
+            }
+        }
+    }
+
+    /// Size of what is shown, pixels; the reason if there is nothing.
+    fn picture_size(&self, image: Option<&Image>, session: &Session) -> Result<Vec2, &'static str> {
+        match (image, &session.scene) {
+            _ if self.birds_eye => Ok(Vec2::splat(BIRDS_EYE_SIDE_PX as f32)),
+            (Some(image), _) => Ok(Vec2::new(image.width_px as f32, image.height_px as f32)),
+            (None, Some(scene)) => match &scene.camera {
+                Some(camera) => Ok(Vec2::new(
+                    camera.map.width_px as f32,
+                    camera.map.height_px as f32,
+                )),
+                None => {
+                    Err("This source has no camera: its line points come from an external vision.")
+                }
+            },
+            (None, None) => Err("No image and no camera configuration."),
+        }
+    }
+
+    /// Place on the field that a click points at, and the radius of the ground that it covers, metres.
+    fn clicked_ground(
+        &self,
+        session: &Session,
+        transform: &ScreenTransform,
+        pointer: Pos2,
+    ) -> Option<(At<FieldFrame>, f32)> {
+        let at = transform.to_picture(pointer);
+        let beside = at + Vec2::new(SELECT_RADIUS / transform.scale, 0.0);
+        let [place, beside] = [at, beside].map(|at| {
+            if self.birds_eye {
+                PixelInfo::of_birds_eye(session, at.x, at.y).field
+            } else {
+                PixelInfo::of_image(session, None, at.x, at.y).field
+            }
+        });
+        let place = place?;
+        // The ground that a click covers grows with the distance.
+        let radius = beside.map_or(SELECT_RADIUS_MIN, |beside| place.distance_to(beside));
+        Some((place, radius.clamp(SELECT_RADIUS_MIN, SELECT_RADIUS_MAX)))
     }
 
     fn switches(&mut self, ui: &mut Ui) {

@@ -13,11 +13,12 @@ use vision::objects::goals::GoalKind;
 
 use super::camera_layers::CameraLayers;
 use super::field_marks::draw_selection;
+use super::projected_markings::ProjectedMarkings;
 use crate::view::birds_eye::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
 use crate::view::selection::Selection;
-use crate::view::static_scene::{StaticScene, View};
+use crate::view::static_scene::StaticScene;
 use pipeline::Cycle;
 
 /// Ranges of the ground grid's rings, metres.
@@ -36,6 +37,8 @@ pub(crate) struct CameraCanvas<'a> {
     pub(crate) scene: &'a StaticScene,
     pub(crate) cycle: &'a Cycle,
     pub(crate) layers: &'a CameraLayers,
+    /// The field's lines in the image of this cycle.
+    pub(crate) projected: &'a ProjectedMarkings,
     /// Where labels were drawn: another one moves aside.
     pub(crate) label_rects: RefCell<Vec<Rect>>,
     /// Names and windows of the virtual sensors.
@@ -122,18 +125,10 @@ pub(crate) fn draw_image_overlay(canvas: &CameraCanvas<'_>) {
     if layers.grid {
         grid(canvas);
     }
-    if layers.field_lines
-        && let Some(pose) = canvas.cycle.estimate.pose
-    {
+    if layers.field_lines {
         let stroke = Stroke::new(1.4, palette::PROJECTED_LINE);
-        let estimate = &canvas.cycle.estimate;
-        let view = View {
-            pose,
-            tilt: estimate.tilt,
-            correction: estimate.map_correction.as_ref(),
-        };
-        for [from, to] in canvas.scene.project_markings(view) {
-            let ends = [canvas.to_screen(from), canvas.to_screen(to)];
+        for [from, to] in canvas.projected.segments() {
+            let ends = [canvas.to_screen(*from), canvas.to_screen(*to)];
             canvas.painter.line_segment(ends, stroke);
         }
     }

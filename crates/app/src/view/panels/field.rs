@@ -366,6 +366,18 @@ impl FieldPanel {
         if let Some(ball) = cycle.world.ball.and_then(|ball| ball.on_field) {
             drawing::draw_velocity(painter, screen, ball.at, ball.velocity, palette::BALL);
         }
+        if let Some(flight) = cycle.world.ball_in_air.and_then(|ball| ball.on_field) {
+            let [x, y, height] = flight.at;
+            let at = screen.to_screen(At::new(x, y));
+            let text = format!("{height:.1} m up");
+            drawing::draw_text(painter, at, &text, palette::BALL);
+            if let Some(landing) = flight.landing {
+                let [x, y] = landing.at;
+                let end = screen.to_screen(At::new(x, y));
+                painter.line_segment([at, end], (1.0, palette::BALL));
+                painter.circle_stroke(end, 4.0, (1.0, palette::BALL));
+            }
+        }
         if let Some(ball) = &cycle.team.ball {
             let radius = (2.0 * drawing::BALL_RADIUS * screen.scale()).max(7.0);
             painter.circle_stroke(screen.to_screen(ball.at), radius, (1.0, palette::BALL));

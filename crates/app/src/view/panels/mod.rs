@@ -13,6 +13,7 @@ pub(crate) mod findings;
 pub(crate) mod health;
 pub(crate) mod parameters;
 pub(crate) mod plots;
+mod projected_markings;
 pub(crate) mod scene;
 mod scene_camera;
 pub(crate) mod simulator;
@@ -122,6 +123,7 @@ pub(crate) struct Panels {
     pub(crate) calibration: calibration::CalibrationPanel,
     pub(crate) parameters: parameters::ParametersPanel,
     pub(crate) findings: findings::FindingsPanel,
+    pub(crate) details: details::DetailsPanel,
     pub(crate) scene: scene::ScenePanel,
     /// States of further panels of the same kinds, by the number of the copy.
     pub(crate) copies: BTreeMap<u32, Panels>,
@@ -173,7 +175,7 @@ impl egui_tiles::Behavior<PanelId> for PaneBehavior<'_> {
                 Pane::Parameters => panels.parameters.show(ui, session),
                 Pane::Health => health::show(ui, session),
                 Pane::Findings => panels.findings.show(ui, session),
-                Pane::Details => details::show(ui, session),
+                Pane::Details => panels.details.show(ui, session),
                 Pane::Scene => panels.scene.show(ui, session),
             });
         egui_tiles::UiResponse::None

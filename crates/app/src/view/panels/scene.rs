@@ -144,20 +144,15 @@ impl Canvas<'_> {
             self.line([back, half, 0.0], [back, -half, 0.0], stroke);
         }
         for (to, name) in [
-            ([1.0, 0.0, 0.0], "x"),
+            ([1.0, 0.0, 0.0], "x 1 m"),
             ([0.0, 1.0, 0.0], "y"),
             ([0.0, 0.0, 1.0], "z"),
         ] {
             self.line([0.0; 3], to, Stroke::new(1.0, Color32::WHITE));
             if let Some(at) = self.projection.point(to) {
                 let font = FontId::proportional(11.0);
-                self.painter.text(
-                    at,
-                    Align2::LEFT_BOTTOM,
-                    format!("{name} 1 m"),
-                    font,
-                    Color32::WHITE,
-                );
+                self.painter
+                    .text(at, Align2::LEFT_BOTTOM, name, font, Color32::WHITE);
             }
         }
     }

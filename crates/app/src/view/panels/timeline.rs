@@ -202,6 +202,8 @@ fn modes(painter: &egui::Painter, rect: Rect, series: &TimeSeries, place: &impl 
     let share = samples.len().div_ceil(columns).max(1);
     let split = rect.bottom() - rect.height() / 3.0;
     let chunks = samples.chunks(share);
+    // Neighbours of one mode are one rectangle: it has no seams, and is drawn at once.
+    let mut band: Option<(Rect, Color32)> = None;
     for (chunk, next) in chunks.clone().zip(chunks.skip(1).map(Some).chain([None])) {
         let (Some(first), Some(last)) = (chunk.first(), chunk.last()) else {
             continue;
@@ -215,8 +217,15 @@ fn modes(painter: &egui::Painter, rect: Rect, series: &TimeSeries, place: &impl 
         let until = next.and_then(|next| next.first()).unwrap_or(last).time;
         let (left, right) = (place(first.time), place(until).max(place(first.time) + 1.0));
         let colour = palette::mode_colour(worst.unwrap_or(Mode::Lost));
-        let low = Rect::from_x_y_ranges(left..=right, split..=rect.bottom());
-        painter.rect_filled(low, 0.0, colour);
+        match &mut band {
+            Some((rect, of)) if *of == colour => rect.max.x = right,
+            _ => {
+                let low = Rect::from_x_y_ranges(left..=right, split..=rect.bottom());
+                if let Some((low, colour)) = band.replace((low, colour)) {
+                    painter.rect_filled(low, 0.0, colour);
+                }
+            }
+        }
         let error = chunk
             .iter()
             .map(|s| s.value(crate::view::time_series::Quantity::PositionError))
@@ -227,6 +236,9 @@ fn modes(painter: &egui::Painter, rect: Rect, series: &TimeSeries, place: &impl 
             let high = Rect::from_x_y_ranges(left..=right, split - height..=split);
             painter.rect_filled(high, 0.0, palette::VERMILION.gamma_multiply(0.8));
         }
+    }
+    if let Some((low, colour)) = band {
+        painter.rect_filled(low, 0.0, colour);
     }
 }
 

@@ -207,6 +207,13 @@ impl Session {
         self.selection = cycle.and_then(|cycle| Selection::nearest(cycle, at, radius));
     }
 
+    /// Selects the next (`ahead`) or the previous object of the shown cycle.
+    pub(crate) fn select_next(&mut self, ahead: bool) {
+        if let Some(now) = &self.shown {
+            self.selection = Selection::next(self.selection, &now.cycle, ahead);
+        }
+    }
+
     /// Place of the selected object on the field.
     pub(crate) fn selected_place(&self) -> Option<At<FieldFrame>> {
         self.selection?.place(&self.shown.as_ref()?.cycle)

@@ -7,6 +7,7 @@ use anyhow::Result;
 use localize::Stamp;
 
 use super::decoded_cycle::DecodedCycle;
+use super::image_prefetch::ImagePrefetch;
 use pipeline::Cycle;
 use pipeline::log::{LogIndex, LoggedCycle, UnpackedSetup};
 use pipeline::setup::Setup;
@@ -26,6 +27,8 @@ pub(crate) struct LogPlayer {
     last_decoded: Option<((usize, usize), DecodedCycle)>,
     /// The cycle returned last without its image.
     last_cycle: Option<Arc<Cycle>>,
+    /// None if its thread cannot start: images are decoded when they are shown.
+    prefetch: Option<ImagePrefetch>,
     /// Temporary folder with the files that the log carries.
     folder: Option<tempfile::TempDir>,
 }
@@ -39,6 +42,7 @@ impl LogPlayer {
             place: None,
             last_decoded: None,
             last_cycle: None,
+            prefetch: ImagePrefetch::start().ok(),
             folder: None,
         }
     }
@@ -168,7 +172,19 @@ impl LogPlayer {
         };
         let mut cycle = logged.cycle.clone();
         if let Some(image) = &logged.image {
-            cycle.inputs.image = Some(image.decode()?.into());
+            let decoded = self.prefetch.as_mut();
+            let decoded = decoded.and_then(|prefetch| prefetch.take(cycle.stamp));
+            let decoded = decoded.unwrap_or_else(|| image.decode())?;
+            cycle.inputs.image = Some(decoded.into());
+        }
+        // A view that skips cycles would decode images in vain.
+        let follows = self.last_decoded.as_ref().map(|(at, _)| *at);
+        let follows = place > 0 && follows == Some((part, place - 1));
+        if let (true, Some(next), Some(prefetch)) =
+            (follows, cycles.get(place + 1), &mut self.prefetch)
+            && let Some(image) = &next.image
+        {
+            prefetch.request(next.cycle.stamp, image);
         }
         let shown = DecodedCycle {
             cycle: Arc::new(cycle),

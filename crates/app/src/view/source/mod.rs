@@ -2,6 +2,7 @@
 
 pub(crate) mod decoded_cycle;
 pub(crate) mod field_reader;
+mod image_prefetch;
 pub(crate) mod inbox;
 pub(crate) mod live;
 pub(crate) mod log;

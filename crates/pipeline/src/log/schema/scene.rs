@@ -10,7 +10,7 @@ use localize::field::Marking;
 use localize::frames::{At, FieldFrame};
 use localize::math;
 use localize::sample::LinePoint;
-use localize::world::{TeamColour, TrackedObject};
+use localize::world::{BallInAir, TeamColour, TrackedObject};
 use localize::{Field, Pose, Stamp};
 
 use super::timestamp;
@@ -22,6 +22,8 @@ const FIELD_FRAME: &str = "field";
 pub(super) const ROBOT_FRAME: &str = "robot";
 /// Spacing of points along markings, metres: a third of the league's line width.
 const LINE_STEP: f32 = 0.04;
+/// Width of the line below a ball in the air, metres.
+const FALL_LINE_WIDTH: f64 = 0.02;
 /// Diameter of a size 5 ball, metres.
 const BALL_DIAMETER: f64 = 0.22;
 /// Size of the league's largest robot, metres.
@@ -103,12 +105,12 @@ pub(crate) fn cycle_scene(cycle: &Cycle, stamp: Stamp) -> SceneUpdate {
     }
     let placed = |object: &TrackedObject| object.on_field.map(|on| on.at);
     entities.push(SceneEntity {
-        spheres: cycle
+        spheres: own_ball(cycle).into_iter().collect(),
+        lines: cycle
             .world
-            .ball
+            .ball_in_air
             .iter()
-            .filter_map(placed)
-            .map(|at| sphere(at, OWN_BALL))
+            .filter_map(fall_line)
             .collect(),
         cylinders: cycle
             .world
@@ -120,8 +122,19 @@ pub(crate) fn cycle_scene(cycle: &Cycle, stamp: Stamp) -> SceneUpdate {
     });
     if let Some(ball) = &cycle.team.ball {
         entities.push(SceneEntity {
-            spheres: vec![sphere(ball.at, TEAM_BALL)],
+            spheres: vec![sphere(ball.at, 0.0, TEAM_BALL)],
             ..entity(stamp, "team", Some(LIFETIME_S))
+        });
+    }
+    if let Some(ball) = &cycle.team.triangulated {
+        let [x, y, z] = ball.state.at;
+        entities.push(SceneEntity {
+            spheres: vec![sphere(
+                At::new(x, y),
+                z - BALL_DIAMETER as f32 / 2.0,
+                TEAM_BALL,
+            )],
+            ..entity(stamp, "team_in_space", Some(LIFETIME_S))
         });
     }
     if let Some(truth) = &cycle.inputs.truth {
@@ -129,7 +142,7 @@ pub(crate) fn cycle_scene(cycle: &Cycle, stamp: Stamp) -> SceneUpdate {
             arrows: vec![arrow(truth.pose, TRUTH)],
             spheres: truth
                 .ball
-                .map(|at| sphere(at, ORANGE))
+                .map(|at| sphere(at, truth.ball_height, ORANGE))
                 .into_iter()
                 .collect(),
             cylinders: truth.robots.iter().map(|at| cylinder(*at, GREY)).collect(),
@@ -152,9 +165,43 @@ fn cylinder(at: At<FieldFrame>, shade: [f64; 4]) -> CylinderPrimitive {
     }
 }
 
-fn sphere(at: At<FieldFrame>, shade: [f64; 4]) -> SpherePrimitive {
+/// The robot's own ball, in the air or on the ground.
+fn own_ball(cycle: &Cycle) -> Option<SpherePrimitive> {
+    if let Some(flight) = cycle.world.ball_in_air.and_then(|ball| ball.on_field) {
+        let [x, y, z] = flight.at;
+        return Some(sphere(
+            At::new(x, y),
+            z - BALL_DIAMETER as f32 / 2.0,
+            OWN_BALL,
+        ));
+    }
+    let ball = cycle.world.ball.as_ref()?.on_field?;
+    Some(sphere(ball.at, 0.0, OWN_BALL))
+}
+
+/// From a ball in the air down to the ground, and on to where it lands.
+fn fall_line(ball: &BallInAir) -> Option<LinePrimitive> {
+    let flight = ball.on_field?;
+    let [x, y, z] = flight.at;
+    let below = At::<FieldFrame>::new(x, y);
+    let mut points = vec![point3(below, f64::from(z)), point3(below, 0.0)];
+    if let Some(landing) = flight.landing {
+        let [x, y] = landing.at;
+        points.push(point3(At::<FieldFrame>::new(x, y), 0.0));
+    }
+    Some(LinePrimitive {
+        r#type: line_primitive::Type::LineStrip as i32,
+        thickness: FALL_LINE_WIDTH,
+        points,
+        color: color(OWN_BALL),
+        ..LinePrimitive::default()
+    })
+}
+
+/// A ball whose lowest point is at a height.
+fn sphere(at: At<FieldFrame>, height: f32, shade: [f64; 4]) -> SpherePrimitive {
     SpherePrimitive {
-        pose: upright(at, BALL_DIAMETER as f32 / 2.0),
+        pose: upright(at, height + BALL_DIAMETER as f32 / 2.0),
         size: vector([BALL_DIAMETER; 3]),
         color: color(shade),
     }

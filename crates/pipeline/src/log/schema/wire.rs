@@ -12,7 +12,8 @@ pub(crate) use super::wire_detections::{
 };
 pub(crate) use super::wire_geometry::{LinePoints, Pose, PoseError};
 pub(crate) use super::wire_world::{
-    Object, OnField, SharedBall, TeamReport, TeamView, Teammate, WorldView,
+    AirborneState, BallInAir, Object, OnField, SharedBall, TeamReport, TeamView, Teammate,
+    TriangulatedBall, WorldView,
 };
 
 /// `localize::sample::Odometry`: motion since the previous one, robot frame.
@@ -191,6 +192,9 @@ pub(crate) struct GroundTruth {
     pub(crate) robots_x: Vec<f32>,
     #[prost(float, repeated)]
     pub(crate) robots_y: Vec<f32>,
+    /// Of the ball's lowest point; 0 in older logs.
+    #[prost(float)]
+    pub(crate) ball_height: f32,
 }
 
 /// One cycle of the pipeline, with every bit that replay needs or compares.

@@ -23,6 +23,9 @@ pub(crate) struct Ball {
     pub(crate) v_px: f32,
     #[prost(uint32)]
     pub(crate) pixels: u32,
+    /// By the apparent size, and its standard deviation. Empty if not measured.
+    #[prost(float, repeated)]
+    pub(crate) distance: Vec<f32>,
 }
 
 /// `vision::objects::robots::RobotDetection`: centre and nearest edge, robot frame, metres.

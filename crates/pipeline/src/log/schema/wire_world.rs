@@ -51,6 +51,48 @@ pub(crate) struct WorldView {
     pub(crate) ball: Option<Object>,
     #[prost(message, repeated)]
     pub(crate) robots: Vec<Object>,
+    /// None while the ball is on the ground.
+    #[prost(message, optional)]
+    pub(crate) ball_in_air: Option<BallInAir>,
+    /// azimuth, elevation and their standard deviations, radians; height of the viewpoint and, if
+    /// measured, distance by the apparent size and its standard deviation, metres. Empty if not seen.
+    #[prost(float, repeated)]
+    pub(crate) ball_sighting: Vec<f32>,
+}
+
+/// `localize::world::BallInAir`: robot frame and field frame.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct BallInAir {
+    #[prost(float, required)]
+    pub(crate) probability: f32,
+    #[prost(message, required)]
+    pub(crate) from_robot: AirborneState,
+    #[prost(message, optional)]
+    pub(crate) on_field: Option<AirborneState>,
+}
+
+/// `localize::world::AirborneState`: metres, m/s.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct AirborneState {
+    #[prost(float, required)]
+    pub(crate) x: f32,
+    #[prost(float, required)]
+    pub(crate) y: f32,
+    /// Of the ball's centre.
+    #[prost(float, required)]
+    pub(crate) z: f32,
+    #[prost(float, required)]
+    pub(crate) velocity_x: f32,
+    #[prost(float, required)]
+    pub(crate) velocity_y: f32,
+    #[prost(float, required)]
+    pub(crate) velocity_z: f32,
+    /// xx, xy, xz, yy, yz, zz, m².
+    #[prost(float, repeated)]
+    pub(crate) covariance: Vec<f32>,
+    /// Next contact with the ground: seconds from now, x, y, metres, covariance xx, xy, yy, m². Empty if unknown.
+    #[prost(float, repeated)]
+    pub(crate) landing: Vec<f32>,
 }
 
 /// `localize::team::TeamReport`: a teammate's message; times by our clock.
@@ -76,6 +118,9 @@ pub(crate) struct TeamReport {
     pub(crate) obstacles_x: Vec<f32>,
     #[prost(float, repeated)]
     pub(crate) obstacles_y: Vec<f32>,
+    /// As `WorldView::ball_sighting`, in the field frame.
+    #[prost(float, repeated)]
+    pub(crate) ball_sighting: Vec<f32>,
 }
 
 /// `localize::team::TeamBall`: the fused ball of the majority, field frame.
@@ -121,4 +166,20 @@ pub(crate) struct TeamView {
     pub(crate) mates: Vec<Teammate>,
     #[prost(float, required)]
     pub(crate) half_evidence: f32,
+    #[prost(message, optional)]
+    pub(crate) triangulated: Option<TriangulatedBall>,
+}
+
+/// `localize::team::TeamBallInSpace`: the ball at the height at which several robots' rays meet, field frame.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct TriangulatedBall {
+    /// ground, flight or held.
+    #[prost(string)]
+    pub(crate) mode: String,
+    #[prost(message, required)]
+    pub(crate) state: AirborneState,
+    #[prost(uint32, repeated)]
+    pub(crate) witnesses: Vec<u32>,
+    #[prost(uint32, repeated)]
+    pub(crate) dissenters: Vec<u32>,
 }

@@ -18,7 +18,7 @@ const COLOURS: [Color32; 7] = [
 
 /// How a plot shows its curves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub(super) enum PlotKind {
+pub(crate) enum PlotKind {
     /// Over time.
     #[default]
     Curve,
@@ -35,7 +35,7 @@ pub(super) enum PlotKind {
 /// One plot.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
-pub(super) struct PlotConfig {
+pub(crate) struct PlotConfig {
     /// Names of its curves: quantities, fields as `/cycle.estimate.pose.x`, formulas as `= 2 * {x}`.
     pub(super) curves: Vec<String>,
     pub(super) kind: PlotKind,

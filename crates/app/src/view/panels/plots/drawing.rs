@@ -2,12 +2,15 @@
 
 use eframe::egui::{self, Color32, Ui, Vec2};
 use egui_plot::{
-    AxisHints, Bar, BarChart, HLine, Line, LineStyle, Plot, PlotPoints, PlotUi, Points, Span, VLine,
+    AxisHints, Bar, BarChart, GridInput, GridMark, HLine, Line, LineStyle, Plot, PlotPoints,
+    PlotUi, Points, Span, VLine,
 };
 use localize::estimate::Mode;
 
 use super::config::{PlotConfig, PlotKind};
-use super::numbers::{self, robust_limits, short, thinned_curve};
+use super::numbers::{self, short};
+use super::plotted_curve::{PlottedCurve, scale};
+use super::thinned::ThinnedPlot;
 use crate::view::curves::Curve;
 use crate::view::palette;
 use crate::view::session::Session;
@@ -17,14 +20,16 @@ use crate::view::time_series::TimeSeries;
 pub(super) const PLOT_HEIGHT_MIN: f32 = 80.0;
 /// Width of the value axis, points: equal in all plots, so that equal times lie above one another.
 const VALUE_AXIS_WIDTH: f32 = 52.0;
+/// Least distance of the value axis' marks, points: low plots need denser ones than the default.
+const VALUE_MARK_SPACING: f32 = 17.0;
 /// Distance at which labels of the value axis appear, and at which they are opaque, points.
-const VALUE_LABEL_SPACING: std::ops::RangeInclusive<f32> = 12.0..=17.0;
+const VALUE_LABEL_SPACING: std::ops::RangeInclusive<f32> = 8.0..=14.0;
+/// Most marks of an axis.
+const MARKS_MAX: f64 = 1000.0;
 /// Scrolled points per zoom factor of e.
 const SCROLL_POINTS_PER_E_FOLD: f32 = 300.0;
 /// Shortest visible time, seconds.
 const RANGE_MIN: f64 = 0.05;
-/// Smallest value that a logarithmic axis shows.
-const LOGARITHM_MIN: f64 = 1e-6;
 
 /// What the user asks for with the pointer.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,16 +57,6 @@ pub(super) struct PlotArea {
     pub(super) hovered: Option<f64>,
 }
 
-/// A curve as it is drawn.
-pub(super) struct PlottedCurve<'a> {
-    pub(super) name: &'a str,
-    pub(super) unit: &'static str,
-    pub(super) colour: Color32,
-    pub(super) curve: Curve<'a>,
-    /// The same of other runs, with their names.
-    pub(super) others: Vec<(&'a str, Curve<'a>)>,
-}
-
 type Curves<'a> = &'a [PlottedCurve<'a>];
 
 impl PlotArea {
@@ -69,12 +64,12 @@ impl PlotArea {
     pub(super) fn draw(
         &mut self,
         ui: &mut Ui,
-        plot: &PlotConfig,
+        (plot, thinned): (&PlotConfig, &mut ThinnedPlot),
         curves: Curves<'_>,
         session: &Session,
     ) {
         match plot.kind {
-            PlotKind::Curve => self.draw_over_time(ui, plot, curves, session),
+            PlotKind::Curve => self.draw_over_time(ui, (plot, thinned), curves, session),
             PlotKind::Against => self.draw_against(ui, curves, session),
             PlotKind::Histogram => self.draw_histogram(ui, curves),
             PlotKind::Spectrum => self.draw_spectrum(ui, plot.logarithmic, curves),
@@ -101,19 +96,21 @@ impl PlotArea {
         Plot::new(name.to_owned())
             .custom_y_axes(vec![values])
             .height(self.height)
+            // Filling the background costs a software renderer more than the curves.
+            .show_background(false)
             .allow_zoom(false)
             .allow_drag(false)
             .allow_scroll(false)
             .allow_boxed_zoom(false)
             .allow_double_click_reset(false)
-            // Low plots need denser ticks than the default.
-            .grid_spacing(14.0..=160.0)
+            .y_grid_spacer(value_marks)
+            .grid_spacing(VALUE_MARK_SPACING..=160.0)
     }
 
     fn draw_over_time(
         &mut self,
         ui: &mut Ui,
-        config: &PlotConfig,
+        (config, thinned): (&PlotConfig, &mut ThinnedPlot),
         curves: Curves<'_>,
         session: &Session,
     ) {
@@ -122,27 +119,8 @@ impl PlotArea {
         // More points than screen columns would overlap.
         let points_max =
             (ui.available_width() * ui.pixels_per_point()).max(PLOT_HEIGHT_MIN) as usize;
-        let of = |curve| {
-            let scaled = |value| scale(value, logarithmic);
-            thinned_curve(curve, self.range, scaled, points_max)
-        };
-        let recorded: Vec<_> = curves.iter().map(|one| of(one.curve)).collect();
-        let others: Vec<Vec<_>> = curves
-            .iter()
-            .map(|one| one.others.iter().map(|(_, curve)| of(*curve)).collect())
-            .collect();
-        let thresholds: Vec<f64> = config
-            .thresholds
-            .iter()
-            .map(|value| scale(*value, logarithmic))
-            .collect();
-        let values = recorded
-            .iter()
-            .chain(others.iter().flatten())
-            .flatten()
-            .map(|point| point[1])
-            .chain(thresholds.iter().copied());
-        let ([low, high], clipped) = robust_limits(values.collect()).unwrap_or(([0.0, 1.0], false));
+        thinned.update(config, curves, self.range, points_max);
+        let [low, high] = thinned.limits;
         let cursor = ui.visuals().strong_text_color();
         let drawn = self
             .plot_with_values("over time", move |value| axis_value(value, logarithmic))
@@ -150,17 +128,17 @@ impl PlotArea {
                 plot.set_plot_bounds_x(from..=to);
                 plot.set_plot_bounds_y(low..=high);
                 draw_modes(plot, &session.series, (from, to));
-                for threshold in thresholds {
-                    let line = HLine::new("threshold", threshold).color(palette::VERMILION);
+                for threshold in &thinned.thresholds {
+                    let line = HLine::new("threshold", *threshold).color(palette::VERMILION);
                     plot.hline(line.style(LineStyle::dashed_dense()).width(1.0));
                 }
-                for (one, points) in curves.iter().zip(&recorded) {
-                    plot.line(line(one.name, points, one.colour, 1.4));
-                }
-                for (one, others) in curves.iter().zip(&others) {
+                for (one, (points, others)) in curves.iter().zip(&thinned.curves) {
+                    let own = Line::new(one.name, PlotPoints::Borrowed(points));
+                    plot.line(own.color(one.colour).width(1.4));
                     for ((run, _), points) in one.others.iter().zip(others) {
                         let name = format!("{}, {run}", one.name);
-                        let line = line(&name, points, one.colour, 1.0);
+                        let line = Line::new(name, PlotPoints::Borrowed(points));
+                        let line = line.color(one.colour).width(1.0);
                         plot.line(line.style(LineStyle::dashed_loose()));
                     }
                 }
@@ -173,7 +151,7 @@ impl PlotArea {
                 }
                 plot.pointer_coordinate().map(|point| point.x)
             });
-        if clipped {
+        if thinned.is_clipped {
             ui.painter().text(
                 drawn.response.rect.right_top() + Vec2::new(-4.0, 2.0),
                 egui::Align2::RIGHT_TOP,
@@ -374,13 +352,24 @@ fn draw_modes(plot: &mut PlotUi<'_>, series: &TimeSeries, (from, to): (f64, f64)
     }
 }
 
-/// The value as a logarithmic axis places it.
-fn scale(value: f64, logarithmic: bool) -> f64 {
-    if logarithmic {
-        value.abs().max(LOGARITHM_MIN).log10()
-    } else {
-        value
+/// Marks of a value axis at multiples of 1, 2 or 5 times a power of ten.
+fn value_marks(input: GridInput) -> Vec<GridMark> {
+    let decade = 10f64.powf(input.base_step_size.log10().floor());
+    let steps = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * decade);
+    let step = steps
+        .into_iter()
+        .find(|step| *step >= input.base_step_size)
+        .unwrap_or(10.0 * decade);
+    let (first, last) = (input.bounds.0 / step, input.bounds.1 / step);
+    if !(step > 0.0 && last - first < MARKS_MAX) {
+        return Vec::new();
     }
+    (first.ceil() as i64..=last.floor() as i64)
+        .map(|number| GridMark {
+            value: number as f64 * step,
+            step_size: step,
+        })
+        .collect()
 }
 
 fn axis_value(value: f64, logarithmic: bool) -> String {

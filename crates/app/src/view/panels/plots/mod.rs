@@ -4,16 +4,21 @@ mod config;
 mod csv;
 mod drawing;
 mod numbers;
+mod plotted_curve;
 mod search;
+mod thinned;
 
 use eframe::egui::{self, Color32, RichText, Ui};
 use serde::{Deserialize, Serialize};
 
-use self::config::{PlotConfig, PlotKind};
+pub(crate) use self::config::PlotConfig;
+use self::config::PlotKind;
 use self::csv::csv;
-use self::drawing::{PLOT_HEIGHT_MIN, PlotArea, PlottedCurve};
+use self::drawing::{PLOT_HEIGHT_MIN, PlotArea};
 use self::numbers::short;
+use self::plotted_curve::PlottedCurve;
 use self::search::search_curve;
+use self::thinned::ThinnedPlot;
 use crate::view::accessibility::AccessibleLabel;
 use crate::view::curves::catalogue::PlottedQuantity;
 use crate::view::curves::{Curve, CurveState, unit_of};
@@ -22,6 +27,8 @@ use crate::view::session::Session;
 
 /// Height of a plot's line of names and values, points.
 const HEADER_HEIGHT: f32 = 26.0;
+/// Shortest visible time of the keys, seconds.
+const TIME_MIN: f64 = 0.1;
 /// Names of the kinds, in menu order.
 const KINDS: [(PlotKind, &str); 5] = [
     (PlotKind::Curve, "Over time"),
@@ -32,10 +39,12 @@ const KINDS: [(PlotKind, &str); 5] = [
 ];
 
 /// State of the panel.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct PlotsPanel {
     plots: Vec<PlotConfig>,
+    #[serde(skip)]
+    thinned: Vec<ThinnedPlot>,
     /// Time range around the cursor, seconds; 0 shows the whole run.
     window_s: f64,
     /// Time range that was dragged or zoomed to; it holds until a double click.
@@ -61,6 +70,7 @@ impl Default for PlotsPanel {
                 PlotConfig::of(&["line points", "rejected points"]),
                 PlotConfig::of(&["time of vision", "time of localization"]),
             ],
+            thinned: Vec::new(),
             window_s: 0.0,
             range: None,
             measured_from: None,
@@ -93,6 +103,8 @@ impl PlotsPanel {
             hovered: None,
         };
         let mut changed = None;
+        self.thinned
+            .resize_with(self.plots.len(), ThinnedPlot::default);
         egui::ScrollArea::vertical()
             .auto_shrink(false)
             .show(ui, |ui| {
@@ -102,7 +114,9 @@ impl PlotsPanel {
                             changed = Some((number, change));
                         }
                         let plot = &self.plots[number];
-                        area.draw(ui, plot, &plotted_curves(plot, session), session);
+                        let curves = plotted_curves(plot, session);
+                        let thinned = &mut self.thinned[number];
+                        area.draw(ui, (plot, thinned), &curves, session);
                     });
                 }
             });
@@ -228,9 +242,26 @@ impl PlotsPanel {
         }
     }
 
-    /// True if both have the same plots; the visible time may differ.
-    pub(crate) fn same_plots(&self, other: &PlotsPanel) -> bool {
-        self.plots == other.plots
+    /// Multiplies the visible time, around the shown moment.
+    pub(crate) fn scale_time(&mut self, session: &Session, factor: f64) {
+        let Some(span) = session.span() else {
+            return;
+        };
+        let at = session.playback.time;
+        let (from, to) = self.visible_range(span, at);
+        let half = (factor * (to - from) / 2.0).max(TIME_MIN / 2.0);
+        let whole = 2.0 * half >= span.1 - span.0;
+        self.range = (!whole).then_some((at - half, at + half));
+    }
+
+    /// The plots, for undo.
+    pub(crate) fn plots(&self) -> &[PlotConfig] {
+        &self.plots
+    }
+
+    /// Shows other plots.
+    pub(crate) fn set_plots(&mut self, plots: Vec<PlotConfig>) {
+        self.plots = plots;
     }
 
     /// Every plotted curve once, with its name.

@@ -6,12 +6,14 @@ use crate::view::accessibility::AccessibleLabel;
 use crate::view::curves::FORMULA_MARK;
 use crate::view::curves::catalogue::CATALOGUE;
 
+/// Width of the menu, points.
+const WIDTH: f32 = 380.0;
 /// Most fields that are listed.
 const LISTED_MAX: usize = 200;
 
 /// A field to type in, and what matches. Returns the name of the chosen curve.
 pub(super) fn search_curve(ui: &mut Ui, search: &mut String, paths: &[String]) -> Option<String> {
-    ui.set_min_width(340.0);
+    ui.set_width(WIDTH);
     let field = ui
         .add(
             egui::TextEdit::singleline(search)

@@ -1,6 +1,6 @@
 //! How are detections converted to their message and back?
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use localize::frames::At;
 use localize::sample::LinePoint;
 use localize::world::TeamColour;
@@ -152,6 +152,7 @@ pub(crate) fn ball_to_wire(ball: &BallDetection) -> wire::Ball {
         score,
         position_px: [u_px, v_px],
         pixels,
+        distance,
     } = ball;
     wire::Ball {
         x: at.x,
@@ -162,6 +163,7 @@ pub(crate) fn ball_to_wire(ball: &BallDetection) -> wire::Ball {
         u_px,
         v_px,
         pixels: pixels as u32,
+        distance: distance.map_or_else(Vec::new, |distance| distance.to_vec()),
     }
 }
 
@@ -173,6 +175,11 @@ fn ball_from_wire(ball: &wire::Ball) -> Result<BallDetection> {
         score: ball.score,
         position_px: [ball.u_px, ball.v_px],
         pixels: ball.pixels as usize,
+        distance: match ball.distance[..] {
+            [] => None,
+            [distance, std] => Some([distance, std]),
+            _ => bail!("a ball's distance of {} numbers", ball.distance.len()),
+        },
     })
 }
 

@@ -224,6 +224,7 @@ fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
         stamp,
         pose,
         ball,
+        ball_height,
         robots,
         robot_headings: _,
         people: _,
@@ -234,6 +235,7 @@ fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
         ball: ball.map_or_else(Vec::new, |ball| vec![ball.x, ball.y]),
         robots_x: robots.iter().map(|robot| robot.x).collect(),
         robots_y: robots.iter().map(|robot| robot.y).collect(),
+        ball_height: *ball_height,
     }
 }
 
@@ -250,6 +252,7 @@ fn ground_truth_from_wire(truth: wire::GroundTruth) -> Result<GroundTruth> {
                 truth.ball.len()
             ),
         },
+        ball_height: truth.ball_height,
         robots: truth
             .robots_x
             .iter()

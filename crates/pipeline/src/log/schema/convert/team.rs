@@ -2,11 +2,14 @@
 
 use anyhow::{Context, Result, bail};
 use localize::Stamp;
+use localize::flight::BallMotionMode;
 use localize::frames::At;
-use localize::team::{ReportedBall, TeamBall, TeamReport, TeamView, Teammate};
+use localize::team::{ReportedBall, TeamBall, TeamBallInSpace, TeamReport, TeamView, Teammate};
 
 use super::super::wire;
 use super::geometry::{pose_from_wire, pose_to_wire, same_length};
+use super::names::names;
+use super::world::{airborne_from_wire, airborne_to_wire, sighting_from_wire, sighting_to_wire};
 
 pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
     let TeamReport {
@@ -17,6 +20,7 @@ pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
         half_known,
         ball,
         obstacles,
+        ball_sighting,
     } = report;
     let numbers = |ball: &ReportedBall| {
         let ([vx, vy], [xx, xy, yy]) = (ball.velocity, ball.covariance);
@@ -32,6 +36,10 @@ pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
         ball_seen_ns: ball.map_or(0, |ball| ball.last_seen.0),
         obstacles_x: obstacles.iter().map(|at| at.x).collect(),
         obstacles_y: obstacles.iter().map(|at| at.y).collect(),
+        ball_sighting: ball_sighting
+            .as_ref()
+            .map(sighting_to_wire)
+            .unwrap_or_default(),
     }
 }
 
@@ -57,6 +65,7 @@ pub(super) fn team_report_from_wire(report: &wire::TeamReport) -> Result<TeamRep
             _ => bail!("a reported ball of {} numbers", report.ball.len()),
         },
         obstacles: x.iter().zip(y).map(|(&x, &y)| At::new(x, y)).collect(),
+        ball_sighting: sighting_from_wire(&report.ball_sighting)?,
     })
 }
 
@@ -65,11 +74,13 @@ pub(crate) fn team_to_wire(team: &TeamView) -> wire::TeamView {
         ball,
         teammates: mates,
         half_log_odds: half_evidence,
+        triangulated,
     } = team;
     wire::TeamView {
         ball: ball.as_ref().map(ball_to_wire),
         mates: mates.iter().map(teammate_to_wire).collect(),
         half_evidence: *half_evidence,
+        triangulated: triangulated.as_ref().map(triangulated_to_wire),
     }
 }
 
@@ -82,6 +93,31 @@ pub(super) fn team_from_wire(team: &wire::TeamView) -> Result<TeamView> {
             .map(teammate_from_wire)
             .collect::<Result<_>>()?,
         half_log_odds: team.half_evidence,
+        triangulated: team
+            .triangulated
+            .as_ref()
+            .map(triangulated_from_wire)
+            .transpose()?,
+    })
+}
+
+names!(mode_name, mode_named: BallMotionMode { Ground = "ground", Flight = "flight", Held = "held" });
+
+fn triangulated_to_wire(ball: &TeamBallInSpace) -> wire::TriangulatedBall {
+    wire::TriangulatedBall {
+        mode: mode_name(ball.mode).to_owned(),
+        state: airborne_to_wire(&ball.state),
+        witnesses: ball.inliers.clone(),
+        dissenters: ball.outliers.clone(),
+    }
+}
+
+fn triangulated_from_wire(ball: &wire::TriangulatedBall) -> Result<TeamBallInSpace> {
+    Ok(TeamBallInSpace {
+        mode: mode_named(&ball.mode)?,
+        state: airborne_from_wire(&ball.state)?,
+        inliers: ball.witnesses.clone(),
+        outliers: ball.dissenters.clone(),
     })
 }
 

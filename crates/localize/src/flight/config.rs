@@ -1,0 +1,53 @@
+//! Settings of the ball in the air.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The ball in the air: one robot over time, and several robots together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FlightConfig {
+    /// Radius of the ball, metres.
+    pub ball_radius: f32,
+    /// Deceleration by drag over the squared speed, 1/m: half the air's density times drag coefficient and cross-section
+    /// over the mass.
+    pub drag: f32,
+    /// Deceleration of a rolling ball, m/s².
+    pub rolling_deceleration: f32,
+    /// Probability of an impact or a kick between two images.
+    pub change_probability: f32,
+    /// Probability that the ball is in the air after an impact or a kick.
+    pub airborne_probability: f32,
+    /// Most images of one path between two impacts. A larger value smooths longer paths and costs more time.
+    pub images_max: usize,
+    /// Time without a sighting after which the path is forgotten, seconds.
+    pub gap_max: f32,
+    /// Standard deviation of the errors that all rays of a robot share, degrees: tilt and mounting.
+    pub bearing_bias_std_deg: f32,
+    /// Error of a ray beyond which it is an outlier, standard deviations.
+    pub outlier_sigmas: f32,
+    /// Time that rays of several robots may span, seconds. A larger value averages more and covers more impacts.
+    pub team_window: f32,
+    /// Standard deviation of the clocks of two robots, seconds.
+    pub clock_std: f32,
+}
+
+impl Default for FlightConfig {
+    fn default() -> Self {
+        FlightConfig {
+            ball_radius: 0.11,
+            // A ball of 0.43 kg with a drag coefficient of 0.3.
+            drag: 0.016,
+            rolling_deceleration: 0.35,
+            // A change every two seconds at 30 images per second.
+            change_probability: 0.02,
+            airborne_probability: 0.2,
+            images_max: 24,
+            gap_max: 0.5,
+            bearing_bias_std_deg: 0.2,
+            outlier_sigmas: 5.0,
+            team_window: 0.25,
+            clock_std: 0.003,
+        }
+    }
+}
