@@ -9,6 +9,7 @@ pub(crate) mod ground_contact;
 mod network;
 pub(crate) mod obstacle_candidates;
 mod obstacle_edges;
+pub(crate) mod own_body;
 mod own_parts;
 mod patch;
 pub(crate) mod pixel_stage;

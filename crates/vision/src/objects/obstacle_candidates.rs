@@ -69,6 +69,7 @@ pub(crate) struct ObstacleGrid {
     rows: Vec<GridRow>,
     angles: ViewAngles,
     own_parts: OwnParts,
+    is_new_view: bool,
 }
 
 /// An obstacle as the networks see it.
@@ -140,6 +141,7 @@ impl ObstacleGrid {
         };
         ObstacleGrid {
             own_parts: OwnParts::new(places.len()),
+            is_new_view: false,
             coarse: places.iter().map(coarse).collect(),
             places,
             rows,
@@ -148,10 +150,14 @@ impl ObstacleGrid {
     }
 
     /// Foot points that may show an obstacle, best first by the coarse network, at most [`CANDIDATES_MAX`].
+    ///
+    /// `is_hidden` says of an azimuth in turns and a distance in metres whether the robot's own body hides that ground: a
+    /// rod that crosses a line looks like a leg.
     pub(crate) fn find_candidates(
         &mut self,
         image: &ImageView<'_>,
         table: &ColourLookupTable,
+        is_hidden: impl Fn(f32, f32) -> bool,
     ) -> Vec<ObstacleCandidate> {
         let logarithms = logarithms();
         let edge = |place: &Option<FootPlace>| {
@@ -159,7 +165,8 @@ impl ObstacleGrid {
             place.map_or(0.0, |place| edge_step(image, table, logarithms, place))
         };
         let mut edges: Vec<f32> = self.places.iter().map(edge).collect();
-        self.own_parts
+        self.is_new_view = self
+            .own_parts
             .add_image(edges.iter().map(|&edge| edge > 0.0));
         for (place, edge) in edges.iter_mut().enumerate() {
             if self.own_parts.is_own(place) {
@@ -188,6 +195,9 @@ impl ObstacleGrid {
                     || steeper(Some(row + 1))
                     || beside.iter().any(|&edge| edge > edges[index])
                 {
+                    continue;
+                }
+                if is_hidden(turns, place.range) {
                     continue;
                 }
                 let colours = read_coarse_patch(image, &self.coarse[index]);
@@ -263,8 +273,16 @@ impl ObstacleGrid {
         }
     }
 
-    /// True if the grid's place at a foot belongs to the robot itself.
+    /// True if the last image showed another view than those before.
+    pub(crate) fn is_new_view(&self) -> bool {
+        self.is_new_view
+    }
+
+    /// True if the grid's place at a foot belongs to the robot itself. A foot nearer than the grid has no place.
     pub(crate) fn is_own_part(&self, candidate: &ObstacleCandidate) -> bool {
+        if candidate.range < RANGE_MIN {
+            return false;
+        }
         let turns = (candidate.azimuth / TAU).rem_euclid(1.0);
         let nearest = self.rows.iter().min_by(|a, b| {
             let off = |row: &GridRow| {

@@ -27,21 +27,23 @@ impl OwnParts {
         }
     }
 
-    /// Takes the edges of an image, one entry per place; ignores an image that shows what the last view showed.
-    pub(crate) fn add_image(&mut self, edges: impl Iterator<Item = bool> + Clone) {
+    /// Takes the edges of an image, one entry per place; ignores an image that shows what the last view showed, and
+    /// returns false for it.
+    pub(crate) fn add_image(&mut self, edges: impl Iterator<Item = bool> + Clone) -> bool {
         let (mut either, mut differ) = (0u32, 0u32);
         for (now, &before) in edges.clone().zip(&self.last_view) {
             either += u32::from(now | before);
             differ += u32::from(now ^ before);
         }
         if (differ as f32) < NEW_VIEW_SHARE * either.max(1) as f32 {
-            return;
+            return false;
         }
         self.views += 1;
         for ((now, count), last) in edges.zip(&mut self.counts).zip(&mut self.last_view) {
             *count += u32::from(now);
             *last = now;
         }
+        true
     }
 
     /// True if the edge at a place belongs to the robot itself.

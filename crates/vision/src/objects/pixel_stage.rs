@@ -186,15 +186,23 @@ impl PixelStage {
         Some((*candidate, ball))
     }
 
-    /// Robots and people. `by_carpet`: obstacles at the carpet's end.
+    /// True if the last image showed another view than those before.
+    pub(crate) fn is_new_view(&self) -> bool {
+        self.obstacles.is_new_view()
+    }
+
+    /// Robots and people. `by_carpet`: obstacles at the carpet's end. `is_hidden`: see [`ObstacleGrid::find_candidates`].
     pub(crate) fn detect_obstacles(
         &mut self,
         input: PixelStageInput<'_>,
         by_carpet: Vec<RobotDetection>,
+        is_hidden: impl Fn(f32, f32) -> bool,
         rejected: &mut Vec<RejectedObject>,
     ) -> Vec<RobotDetection> {
         let PixelStageInput { image, config, .. } = input;
-        let candidates = self.obstacles.find_candidates(image, input.lookup_table);
+        let candidates = self
+            .obstacles
+            .find_candidates(image, input.lookup_table, is_hidden);
         let candidates = self
             .obstacles
             .judge(image, candidates, config.obstacle_probability_min);

@@ -119,6 +119,14 @@ impl RadialScan {
             .classify_rows(image, table, rows, &mut self.classes);
     }
 
+    /// One past the last sample of a ray that is hidden from sample `from` on: where two samples in a row are carpet.
+    pub(crate) fn hidden_end(&self, ray: usize, from: usize) -> usize {
+        let classes = &self.classes[from..self.starts[ray + 1]];
+        let clear = |pair: &[ColourClass; 2]| *pair == [ColourClass::CARPET; 2];
+        let seen = classes.array_windows().position(clear);
+        from + seen.unwrap_or(classes.len())
+    }
+
     /// Finds the end of the carpet along each ray.
     ///
     /// Gaps of up to `carpet_gap_max` plus `carpet_gap_per_range` times the range are ignored: cables, shadows, a ball.

@@ -4,6 +4,7 @@ use localize::math;
 
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ObjectDetectionConfig;
+use crate::objects::own_body::OwnBody;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
 
 /// Obstacle of one ray.
@@ -19,6 +20,8 @@ pub(crate) struct RayObstacle {
     pub(crate) solid_base: bool,
     /// True if no carpet is visible before it: it starts next to the robot.
     pub(crate) touches_robot: bool,
+    /// True if it is known not to be the robot's own body.
+    pub(crate) beyond_own_body: bool,
     /// Number of cyan samples.
     pub(crate) cyan: u32,
     /// Number of magenta samples.
@@ -39,13 +42,14 @@ pub(crate) fn range_step_max(range: f32) -> f32 {
 pub(crate) fn find_ray_obstacles(
     rays: &RadialScan,
     carpet_ends: &[CarpetEnd],
+    own_body: &OwnBody,
     config: &ObjectDetectionConfig,
 ) -> Vec<Option<RayObstacle>> {
     let mut obstacles: Vec<Option<RayObstacle>> = (0..rays.count())
         .map(|ray| {
-            let all = rays.starts[ray]..rays.starts[ray + 1];
-            find_obstacle_at_robot(rays, all.clone(), config)
-                .or_else(|| find_obstacle_beyond_carpet(rays, &carpet_ends[ray], all.end, config))
+            let end = rays.starts[ray + 1];
+            find_obstacle_at_robot(rays, ray, own_body, config)
+                .or_else(|| find_obstacle_beyond_carpet(rays, &carpet_ends[ray], end, config))
         })
         .collect();
     replace_thin_obstacles(&mut obstacles, config);
@@ -113,27 +117,36 @@ fn weighted_ground_step(rays: &RadialScan, sample: usize) -> f32 {
     }
 }
 
-/// Obstacle that hides the carpet from the robot on, farther than an ignored gap.
+/// Obstacle that hides the carpet from the robot on, farther than an ignored gap; where the own body is known, from its
+/// end on.
 fn find_obstacle_at_robot(
     rays: &RadialScan,
-    all: std::ops::Range<usize>,
+    ray: usize,
+    own_body: &OwnBody,
     config: &ObjectDetectionConfig,
 ) -> Option<RayObstacle> {
-    let classes = &rays.classes[all.clone()];
-    let clear = |pair: &[ColourClass; 2]| *pair == [ColourClass::CARPET; 2];
-    let covered = classes.array_windows().take_while(|pair| !clear(pair));
-    let covered = all.start + covered.count();
-    if covered == all.start {
+    let end = rays.starts[ray + 1];
+    let own_end = own_body.end(rays, ray);
+    let start = own_end.unwrap_or(rays.starts[ray]);
+    let hidden = rays.hidden_end(ray, start);
+    if hidden == start {
         return None;
     }
-    let nearest = rays.samples[all.start].range;
-    let gap: f32 = (all.start + 1..covered)
+    // A line that begins at the body hides nothing, however wide it blooms.
+    let is_white = |class: &&ColourClass| **class == ColourClass::WHITE;
+    let whites = rays.classes[start..hidden].iter().filter(is_white).count();
+    if own_end.is_some() && 2 * whites > hidden - start {
+        return None;
+    }
+    let nearest = rays.samples[start].range;
+    let gap: f32 = (start + 1..hidden)
         .map(|sample| weighted_ground_step(rays, sample))
         .sum();
     let hides = gap > config.carpet_gap_max + config.carpet_gap_per_range * nearest;
     hides.then(|| RayObstacle {
         touches_robot: true,
-        ..build_ray_obstacle(rays, all.start, all.end, nearest, true)
+        beyond_own_body: own_end.is_some(),
+        ..build_ray_obstacle(rays, start, end, nearest, true)
     })
 }
 
@@ -156,6 +169,7 @@ fn build_ray_obstacle(
         direction: [x / length, y / length],
         solid_base: solid,
         touches_robot: false,
+        beyond_own_body: false,
         cyan: count_class(ColourClass::CYAN),
         magenta: count_class(ColourClass::MAGENTA),
         base_sample: first,

@@ -9,6 +9,7 @@ use localize::world::TeamColour;
 use crate::config::ObjectDetectionConfig;
 use crate::objects::covariance::covariance_from_polar;
 use crate::objects::ground_contact::{GroundContact, GroundContactSearch};
+use crate::objects::own_body::OwnBody;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
 use crate::objects::ray_obstacles::{
     BASE_SAMPLES, RayObstacle, find_ray_obstacles, range_step_max,
@@ -50,10 +51,11 @@ pub struct RobotDetection {
 pub(crate) fn detect_robots(
     rays: &RadialScan,
     carpet_ends: &[CarpetEnd],
+    own_body: &OwnBody,
     contact_search: &GroundContactSearch<'_>,
     config: &ObjectDetectionConfig,
 ) -> Vec<RobotDetection> {
-    let obstacles = find_ray_obstacles(rays, carpet_ends, config);
+    let obstacles = find_ray_obstacles(rays, carpet_ends, own_body, config);
     let count = obstacles.len();
     let joined = |a: usize, b: usize| match (obstacles[a], obstacles[b]) {
         (Some(a), Some(b)) => {
@@ -101,9 +103,7 @@ fn split_group(
     let range = |index: usize| obstacles[group[index]].map_or(f32::INFINITY, |c| c.smoothed_range);
     let nearest = (0..group.len()).map(range).fold(f32::INFINITY, f32::min);
     let ray_angle = std::f32::consts::TAU / obstacles.len() as f32;
-    // The diagonal of the league's square robot is √2 times its side.
-    let robot_width = 2.0 * config.robot_radius * std::f32::consts::SQRT_2;
-    if group.len() as f32 * ray_angle * nearest > robot_width {
+    if group.len() as f32 * ray_angle * nearest > robot_diagonal(config) {
         // Running minimum of the range from both ends.
         let running = |nearest: &mut f32, index| {
             *nearest = range(index).min(*nearest);
@@ -139,6 +139,11 @@ fn split_group(
         }
     }
     found(group);
+}
+
+/// Largest width of a robot, metres: the diagonal of the league's square robot is √2 times its side.
+fn robot_diagonal(config: &ObjectDetectionConfig) -> f32 {
+    2.0 * config.robot_radius * std::f32::consts::SQRT_2
 }
 
 fn build_robot(
@@ -186,14 +191,15 @@ fn build_robot(
     // Dark floor behind the carpet, coloured objects and clutter show one cue each; a robot shows at least two.
     let cues = [stands_out, marker.is_some(), solid >= 0.5];
     let cues = cues.iter().filter(|&&cue| cue).count();
-    // A hand in front of the mirror passes two cues as well. So near, a marker is large, but noise is not.
-    let touching = 2 * members
-        .iter()
-        .filter(|obstacle| obstacle.touches_robot)
-        .count()
-        > members.len();
+    // The own body passes two cues as well until it is known. So near, a marker is large, but noise is not.
+    let most = |is: fn(&RayObstacle) -> bool| {
+        2 * members.iter().filter(|obstacle| is(obstacle)).count() > members.len()
+    };
+    let touching = most(|obstacle| obstacle.touches_robot);
+    let own = !most(|obstacle| obstacle.beyond_own_body);
     let plain = marker.is_none() || (cyan.max(magenta) as usize) < BASE_SAMPLES * members.len();
-    if cues < 2 || touching && plain {
+    // Nor is the end of the carpet beside the robot an obstacle: it is wider.
+    if cues < 2 || touching && (own && plain || !own && width > robot_diagonal(config)) {
         return None;
     }
     let sample = rays.samples[nearest.base_sample];

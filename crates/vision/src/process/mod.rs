@@ -19,6 +19,7 @@ use crate::lines::wall_bases::detect_wall_bases;
 use crate::objects::ball::{BallDetector, VisitedMask};
 use crate::objects::goals::detect_goals;
 use crate::objects::ground_contact::GroundContactSearch;
+use crate::objects::own_body::OwnBody;
 use crate::objects::pixel_stage::{PixelStage, PixelStageInput};
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
 use crate::objects::robots::detect_robots;
@@ -69,6 +70,7 @@ pub struct Vision {
     subsample_classifier: PixelClassifier,
     subsample_classes: Vec<ColourClass>,
     radial_scan: RadialScan,
+    own_body: OwnBody,
     pixel_stage: PixelStage,
     visited_mask: VisitedMask,
     virtual_sensors: VirtualSensors,
@@ -141,6 +143,7 @@ impl Vision {
             subsample_classes: vec![ColourClass::OTHER; subsample.len()],
             subsample_classifier: PixelClassifier::new(&subsample, map.height_px),
             sample_pixels: pixels,
+            own_body: OwnBody::new(&radial_scan),
             radial_scan,
             pixel_stage: PixelStage::new(map, camera, mask, &config.objects),
             visited_mask: VisitedMask::default(),
@@ -350,6 +353,7 @@ impl Vision {
         let robots = detect_robots(
             &self.radial_scan,
             carpet_ends,
+            &self.own_body,
             &contact_search,
             &self.config.objects,
         );
@@ -360,9 +364,14 @@ impl Vision {
             config: &self.config.objects,
         };
         let rejected = &mut detections.rejected_objects;
-        detections.robots = self
-            .pixel_stage
-            .detect_obstacles(stage_input, robots, rejected);
+        let (own_body, rays) = (&self.own_body, &self.radial_scan);
+        let is_hidden = |turns, range| own_body.hides(rays, turns, range);
+        detections.robots =
+            self.pixel_stage
+                .detect_obstacles(stage_input, robots, is_hidden, rejected);
+        if self.pixel_stage.is_new_view() {
+            self.own_body.add_view(&self.radial_scan);
+        }
         detections.goals = detect_goals(&self.radial_scan, carpet_ends, &self.config.objects);
         let ball_detector = BallDetector {
             image,
