@@ -33,6 +33,8 @@ const CONFIRMATIONS: u32 = 6;
 #[derive(Debug, Clone)]
 pub(super) struct MountingCheck {
     pixels: Vec<Option<[u16; 2]>>,
+    /// Twice the column and row of the image's centre: a camera turns about its own axis, not about the mirror's.
+    twice_centre_px: [i32; 2],
     mean: Vec<f32>,
     variance: Vec<f32>,
     levels: Vec<f32>,
@@ -60,6 +62,7 @@ impl MountingCheck {
             .collect();
         MountingCheck {
             pixels,
+            twice_centre_px: [map.width_px, map.height_px].map(|size| size as i32 - 1),
             mean: vec![0.0; ANGLES * RADII],
             variance: vec![0.0; ANGLES * RADII],
             levels: vec![0.0; ANGLES * RADII],
@@ -76,13 +79,11 @@ impl MountingCheck {
     /// Compares an image with what earlier ones had in common; the turn in degrees, counter-clockwise in the image.
     pub(super) fn update(&mut self, image: &ImageView<'_>) -> Option<u32> {
         for (level, pixel) in self.levels.iter_mut().zip(&self.pixels) {
-            if let Some([column, row]) = pixel {
-                let [r, g, b] = image.native_channels(usize::from(*column), usize::from(*row));
-                let yuv = image.format.is_yuv();
-                *level = f32::from(if yuv { r } else { r.max(g).max(b) });
+            if let Some(pixel) = pixel {
+                *level = brightest_channel(image, *pixel);
             }
         }
-        let turn = self.most_likely_turn();
+        let turn = self.most_likely_turn(image);
         self.suspect = match (turn, self.suspect) {
             (0, _) => (0, 0),
             (turn, (before, count)) if turn == before => (turn, count + 1),
@@ -110,7 +111,7 @@ impl MountingCheck {
     }
 
     /// 0, 90, 180 or 270.
-    fn most_likely_turn(&self) -> u32 {
+    fn most_likely_turn(&self, image: &ImageView<'_>) -> u32 {
         if self.images < IMAGES_MIN {
             return 0;
         }
@@ -131,34 +132,68 @@ impl MountingCheck {
         if landmarks.len() < LANDMARKS_MIN {
             return 0;
         }
-        let difference = |quarter: usize| {
-            let sum: f32 = landmarks
-                .iter()
-                .map(|&index| {
-                    let (ring, angle) = (index / ANGLES, index % ANGLES);
-                    // A turn is exact to a sample.
-                    let turned = [ANGLES - 1, 0, 1].map(|beside| {
-                        ring * ANGLES + (angle + quarter * ANGLES / 4 + beside) % ANGLES
-                    });
-                    turned
-                        .into_iter()
-                        .filter(|&turned| self.pixels[turned].is_some())
-                        .map(|turned| (self.levels[turned] - self.mean[index]).abs())
-                        .fold(DIFFERENCE_MAX, f32::min)
-                })
-                .sum();
-            sum / landmarks.len() as f32
+        let difference = |quarter: &usize| self.turned_difference(image, &landmarks, *quarter);
+        let Some(best) = (1..4).min_by(|a, b| difference(a).total_cmp(&difference(b))) else {
+            return 0;
         };
-        let in_place = difference(0);
-        let (best, least) = (1..4).map(|quarter| (quarter, difference(quarter))).fold(
-            (0, f32::MAX),
-            |best, next| if next.1 < best.1 { next } else { best },
-        );
-        if in_place > RATIO_MIN * least.max(DIFFERENCE_NOISE) {
+        // Rods in four directions look the same after a turn: landmarks that it would change can tell alone.
+        let telling: Vec<usize> = landmarks
+            .iter()
+            .copied()
+            .filter(|&index| {
+                let other = turned_place(index, best, 0);
+                self.pixels[other].is_some()
+                    && (self.mean[other] - self.mean[index]).abs() > LANDMARK_CONTRAST
+            })
+            .collect();
+        let fits = |set: &[usize]| {
+            let turned = self.turned_difference(image, set, best);
+            set.len() >= LANDMARKS_MIN
+                && self.difference_in_place(set) > RATIO_MIN * turned.max(DIFFERENCE_NOISE)
+        };
+        if fits(&landmarks) || fits(&telling) {
             90 * best as u32
         } else {
             0
         }
+    }
+
+    /// Mean difference of landmarks from what they were.
+    fn difference_in_place(&self, landmarks: &[usize]) -> f32 {
+        mean_difference(landmarks, |index| {
+            (self.levels[index] - self.mean[index]).abs()
+        })
+    }
+
+    /// The same after quarter turns about the mirror's axis or about the image's centre, whichever fits better.
+    fn turned_difference(&self, image: &ImageView<'_>, landmarks: &[usize], quarter: usize) -> f32 {
+        // About the mirror's axis, exact to a sample.
+        let about_mirror = mean_difference(landmarks, |index| {
+            [ANGLES - 1, 0, 1]
+                .map(|beside| turned_place(index, quarter, beside))
+                .into_iter()
+                .filter(|&turned| self.pixels[turned].is_some())
+                .map(|turned| (self.levels[turned] - self.mean[index]).abs())
+                .fold(DIFFERENCE_MAX, f32::min)
+        });
+        let about_camera = mean_difference(landmarks, |index| {
+            let place = self.pixels[index].and_then(|pixel| self.turned_px(pixel, quarter));
+            place.map_or(DIFFERENCE_MAX, |pixel| {
+                (brightest_channel(image, pixel) - self.mean[index]).abs()
+            })
+        });
+        about_mirror.min(about_camera)
+    }
+
+    /// Where a pixel is after counter-clockwise quarter turns about the image's centre; None outside the image.
+    fn turned_px(&self, pixel: [u16; 2], quarter: usize) -> Option<[u16; 2]> {
+        let [cu, cv] = self.twice_centre_px;
+        let [mut du, mut dv] = [0, 1].map(|i| 2 * i32::from(pixel[i]) - self.twice_centre_px[i]);
+        for _ in 0..quarter {
+            (du, dv) = (dv, -du);
+        }
+        let inside = du.abs() <= cu && dv.abs() <= cv;
+        inside.then(|| [(cu + du) / 2, (cv + dv) / 2].map(|at| at as u16))
     }
 
     /// Samples that stay the same while others change, and differ from the median of their radius.
@@ -175,5 +210,90 @@ impl MountingCheck {
             }));
         }
         landmarks
+    }
+}
+
+/// The place of a sample after quarter turns about the mirror's axis, and so many angles beside it.
+fn turned_place(index: usize, quarter: usize, beside: usize) -> usize {
+    let (ring, angle) = (index / ANGLES, index % ANGLES);
+    ring * ANGLES + (angle + quarter * ANGLES / 4 + beside) % ANGLES
+}
+
+/// Mean of limited differences over some samples.
+fn mean_difference(samples: &[usize], difference: impl Fn(usize) -> f32) -> f32 {
+    let limited = samples
+        .iter()
+        .map(|&index| difference(index).min(DIFFERENCE_MAX));
+    limited.sum::<f32>() / samples.len().max(1) as f32
+}
+
+/// The brightest channel of a pixel, or the brightness of an image in YUV.
+fn brightest_channel(image: &ImageView<'_>, [column, row]: [u16; 2]) -> f32 {
+    let [r, g, b] = image.native_channels(usize::from(column), usize::from(row));
+    let yuv = image.format.is_yuv();
+    f32::from(if yuv { r } else { r.max(g).max(b) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::PixelFormat;
+
+    const SIDE: usize = 120;
+
+    /// Rods to three sides about an axis beside the image's centre, on a floor that changes.
+    fn picture(view: usize) -> Vec<u8> {
+        let axis = [63i32, 56];
+        let mut pixels = vec![0; 3 * SIDE * SIDE];
+        for (index, pixel) in pixels.chunks_exact_mut(3).enumerate() {
+            let (u, v) = (
+                (index % SIDE) as i32 - axis[0],
+                (index / SIDE) as i32 - axis[1],
+            );
+            let is_rod = v.abs() <= 3 || u.abs() <= 3 && v < 0;
+            let floor = 110 + 60 * ((u / 12 + v / 12 + view as i32 * 5).rem_euclid(3)) as u8;
+            pixel.fill(if is_rod { 20 } else { floor.min(240) });
+        }
+        pixels
+    }
+
+    #[test]
+    fn a_camera_that_turns_about_its_own_axis_is_noticed_though_rods_look_alike() {
+        let map = GroundMap {
+            width_px: SIDE,
+            height_px: SIDE,
+            x: vec![1.0; SIDE * SIDE],
+            y: vec![0.0; SIDE * SIDE],
+        };
+        let camera = CameraConfig {
+            width_px: SIDE,
+            height_px: SIDE,
+            focal_px: None,
+            centre_px: [63.0, 56.0],
+            height: None,
+            forward_deg: 0.0,
+            flipped: false,
+            outer_radius_px: Some(52.0),
+        };
+        let mut check = MountingCheck::new(&map, &camera);
+        let view = |pixels: &[u8], check: &mut MountingCheck| {
+            check.update(&ImageView::packed(SIDE, SIDE, PixelFormat::Rgb8, pixels))
+        };
+        for number in 0..IMAGES_MIN as usize + 20 {
+            assert_eq!(view(&picture(number), &mut check), None, "{number}");
+        }
+        let mut turned = Vec::new();
+        for number in 100..100 + CONFIRMATIONS as usize {
+            let straight = picture(number);
+            let mut pixels = vec![0; straight.len()];
+            for (row, column) in (0..SIDE).flat_map(|row| (0..SIDE).map(move |at| (row, at))) {
+                // Image right becomes image up.
+                let (to_row, to_column) = (SIDE - 1 - column, row);
+                pixels[3 * (to_row * SIDE + to_column)..][..3]
+                    .copy_from_slice(&straight[3 * (row * SIDE + column)..][..3]);
+            }
+            turned.push(view(&pixels, &mut check));
+        }
+        assert_eq!(turned.last(), Some(&Some(90)));
     }
 }
