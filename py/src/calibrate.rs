@@ -12,7 +12,7 @@ use vision::colour::colour_table::{ColourTable as Table, Label, TableKind};
 
 use crate::arguments;
 use crate::camera::{Camera, camera_or_from_map};
-use crate::detections::{ArrayImage, ColourTable, line_width, parse_vision_config};
+use crate::detections::{ColourTable, ImageArgument, line_width, parse_vision_config};
 use crate::errors;
 use crate::ground_map::GroundMap;
 use crate::scene::Field;
@@ -33,7 +33,7 @@ fn drive(images: &Bound<'_, PyAny>) -> PyResult<Vec<NamedImage>> {
     let image = |(number, array): (usize, &Bound<'_, PyAny>)| {
         Ok(NamedImage {
             name: format!("image {number}"),
-            image: ArrayImage::new(&format!("images[{number}]"), array)?.to_rgb_image(),
+            image: ImageArgument::new(&format!("images[{number}]"), array)?.to_rgb_image(),
         })
     };
     let images = arguments::list("images", images, "a list of images")?;

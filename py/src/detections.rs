@@ -1,6 +1,8 @@
 //! Vision in Python: OpenCV's arrays in, columns of numbers out; `mirrorball.vision` names them.
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -16,21 +18,20 @@ use crate::errors;
 use crate::ground_map::GroundMap;
 
 /// An image as OpenCV reads it: rows × columns (grey) or rows × columns × 3 (blue, green, red), bytes.
-pub(crate) struct ArrayImage {
+///
+/// Holds the caller's array: numpy refuses Rust's writers meanwhile, and other threads of Python must not write either.
+pub(crate) struct ImageArgument<'py> {
     width_px: usize,
     height_px: usize,
     format: PixelFormat,
-    bytes: Vec<u8>,
+    array: PyReadonlyArrayDyn<'py, u8>,
+    /// The bytes of a slice of a larger array.
+    packed: Option<Vec<u8>>,
 }
 
-impl ArrayImage {
-    /// From an argument named `image`.
-    pub(crate) fn from_argument(image: &Bound<'_, PyAny>) -> PyResult<Self> {
-        ArrayImage::new("image", image)
-    }
-
-    /// From an argument of another name.
-    pub(crate) fn new(name: &str, image: &Bound<'_, PyAny>) -> PyResult<Self> {
+impl<'py> ImageArgument<'py> {
+    /// `name`: the argument's, for messages.
+    pub(crate) fn new(name: &str, image: &Bound<'py, PyAny>) -> PyResult<Self> {
         const EXPECTED: &str = "uint8, rows × columns × 3 (BGR) or rows × columns (grey)";
         let array = arguments::array::<u8>(name, image, EXPECTED)?;
         let (height_px, width_px, format) = match *array.shape() {
@@ -38,33 +39,32 @@ impl ArrayImage {
             [rows, columns, 3] => (rows, columns, PixelFormat::Bgr8),
             _ => return Err(arguments::invalid(name, image, EXPECTED, None)),
         };
-        let bytes = match array.as_slice() {
-            Ok(packed) => packed.to_vec(),
-            // A slice of a larger array; iteration packs it.
-            Err(_) => array.as_array().iter().copied().collect(),
-        };
-        Ok(ArrayImage {
+        let is_packed = array.as_slice().is_ok();
+        let packed = (!is_packed).then(|| array.as_array().iter().copied().collect());
+        Ok(ImageArgument {
             width_px,
             height_px,
             format,
-            bytes,
+            array,
+            packed,
         })
     }
 
-    pub(crate) fn into_bytes(self) -> Vec<u8> {
-        self.bytes
+    fn bytes(&self) -> &[u8] {
+        let packed = self.packed.as_deref();
+        packed.unwrap_or_else(|| self.array.as_slice().unwrap_or_default())
     }
 
     pub(crate) fn view(&self) -> ImageView<'_> {
-        ImageView::packed(self.width_px, self.height_px, self.format, &self.bytes)
+        ImageView::packed(self.width_px, self.height_px, self.format, self.bytes())
     }
 
     /// Red, green, blue.
     pub(crate) fn to_rgb_image(&self) -> Image {
         let rgb = match self.format {
-            PixelFormat::Grey8 => self.bytes.iter().flat_map(|&level| [level; 3]).collect(),
+            PixelFormat::Grey8 => self.bytes().iter().flat_map(|&level| [level; 3]).collect(),
             _ => {
-                let pixels = self.bytes.chunks_exact(3);
+                let pixels = self.bytes().chunks_exact(3);
                 pixels.flat_map(|bgr| [bgr[2], bgr[1], bgr[0]]).collect()
             }
         };
@@ -161,9 +161,10 @@ impl Vision {
         py: Python<'py>,
         image: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let image = ArrayImage::from_argument(image)?;
+        let image = ImageArgument::new("image", image)?;
+        let view = image.view();
         let detections = py
-            .detach(|| self.vision.process(&image.view()))
+            .detach(|| self.vision.process(&view))
             .map_err(|error| errors::vision(&error))?;
         detection_columns(py, &detections)
     }
@@ -398,7 +399,7 @@ impl ColourTable {
         py: Python<'py>,
         image: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<u8>>> {
-        let image = ArrayImage::from_argument(image)?.to_rgb_image();
+        let image = ImageArgument::new("image", image)?.to_rgb_image();
         let classes: Vec<u8> = py.detach(|| {
             let pixels = image.rgb.chunks_exact(3);
             pixels

@@ -1,20 +1,17 @@
 //! A robot's pipeline in Python: stamped samples in, one cycle per image out, with Python's lock released.
 
-use std::sync::Arc;
-
-use localize::Stamp;
 use localize::frames::{At, Pose};
 use localize::omni::Twist;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use nalgebra::Matrix3;
-use pipeline::sample::{CameraImage, ImageContent, RawImage, Sample, SourceImage};
+use pipeline::sample::Sample;
 use pipeline::setup::Setup;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arguments::{self, single};
 use crate::cycle::Cycle;
-use crate::detections::ArrayImage;
+use crate::detections::ImageArgument;
 use crate::errors;
 use crate::scene::Field;
 use crate::settings::settings;
@@ -41,23 +38,6 @@ impl Pipeline {
             pipeline,
             has_camera: setup.camera.is_some(),
         })
-    }
-
-    fn process(&mut self, py: Python<'_>, stamp: Stamp, content: ImageContent) -> PyResult<Cycle> {
-        let sample = Sample::Image(CameraImage {
-            stamp,
-            setting: None,
-            content,
-        });
-        let cycle = py.detach(|| {
-            let mut cycle = self.pipeline.process_sample(sample)?;
-            // The caller has the image.
-            cycle.inputs.image = None;
-            Some(cycle)
-        });
-        cycle
-            .map(Cycle)
-            .ok_or_else(|| PyValueError::new_err("the image gave no cycle"))
     }
 }
 
@@ -190,18 +170,11 @@ impl Pipeline {
                 "an image, but the robot has no [camera] (expected points)",
             ));
         }
-        let image = ArrayImage::from_argument(image)?;
+        let image = ImageArgument::new("image", image)?;
         let view = image.view();
-        let (width_px, height_px, format) = (view.width_px, view.height_px, view.format);
-        let stride = view.stride;
-        let content = ImageContent::Pixels(SourceImage::Raw(RawImage {
-            width_px,
-            height_px,
-            format,
-            stride,
-            data: Arc::new(image.into_bytes()),
-        }));
-        self.process(py, stamp, content)
+        Ok(Cycle(
+            py.detach(|| self.pipeline.process_pixels(stamp, &view)),
+        ))
     }
 
     /// Line points of another vision system: n × 2 (x, y) or n × 4 (and standard deviations, radial and tangential).
@@ -227,10 +200,8 @@ impl Pipeline {
             std_tangential: row.get(3).copied().unwrap_or(std_m),
         };
         let points = values.chunks_exact(columns).map(line_point).collect();
-        let content = ImageContent::Features {
-            points,
-            goals: Vec::new(),
-        };
-        self.process(py, stamp, content)
+        Ok(Cycle(py.detach(|| {
+            self.pipeline.process_line_points(stamp, points)
+        })))
     }
 }

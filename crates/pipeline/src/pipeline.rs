@@ -5,9 +5,8 @@ use std::time::Instant;
 use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::field::GoalColour;
-use localize::map_correction::MapCorrection;
-
 use localize::localizer::Localizer;
+use localize::map_correction::MapCorrection;
 use localize::robot::{ExposureSetting, ImuCalibration, OdometryCalibration};
 use localize::sample::{GoalObservation, LinePoint};
 use localize::team::TeamModel;
@@ -15,6 +14,7 @@ use localize::world::WorldModel;
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 use vision::exposure::{AutoExposure, ExposureStatus};
+use vision::image::ImageView;
 use vision::image_check::ImageCheck;
 use vision::objects::goals::GoalKind;
 use vision::process::{Detections, Vision};
@@ -259,15 +259,41 @@ impl Pipeline {
         None
     }
 
-    fn process_image(&mut self, image: CameraImage) -> Cycle {
-        let stamp = image.stamp;
+    /// As an image sample whose pixels stay the caller's: the cycle's inputs have none.
+    pub fn process_pixels(&mut self, stamp: Stamp, image: &ImageView<'_>) -> Cycle {
         let started = Instant::now();
-        let mut inputs = std::mem::take(&mut self.inputs);
-        let features = self.extract_features(stamp, image.content, image.setting);
+        let features = self.features_of_pixels(stamp, image, None);
+        self.localize(stamp, features, None, started)
+    }
+
+    /// As an image sample of line points alone.
+    pub fn process_line_points(&mut self, stamp: Stamp, line_points: Vec<LinePoint>) -> Cycle {
+        let features = Features {
+            line_points,
+            ..Features::default()
+        };
+        self.localize(stamp, features, None, Instant::now())
+    }
+
+    fn process_image(&mut self, image: CameraImage) -> Cycle {
+        let started = Instant::now();
+        let features = self.extract_features(image.stamp, image.content, image.setting);
+        self.localize(image.stamp, features, image.setting, started)
+    }
+
+    /// Ends the cycle of an image that vision began to process at `started`.
+    fn localize(
+        &mut self,
+        stamp: Stamp,
+        features: Features,
+        setting: Option<ExposureSetting>,
+        started: Instant,
+    ) -> Cycle {
         let see_ms = elapsed_ms(started);
         let started = Instant::now();
+        let mut inputs = std::mem::take(&mut self.inputs);
         inputs.image = features.image;
-        inputs.exposure_setting = image.setting;
+        inputs.exposure_setting = setting;
         self.add_inputs(&inputs);
         if let Some(covariance) = inputs.setup_doubt {
             self.doubt = (covariance != Matrix3::zeros()).then_some(covariance);
@@ -315,15 +341,8 @@ impl Pipeline {
     ) -> Features {
         match content {
             ImageContent::Pixels(image) => {
-                let control = self.exposure.as_mut();
-                let exposure = control.and_then(|control| control.process(&image.view(), setting));
-                let light_jumped = exposure.is_some_and(|status| status.setting_changed_brightness);
-                let features = match self.run_vision(stamp, &image, light_jumped) {
-                    Ok(detections) => Features::from_detections(detections),
-                    Err(fault) => Features::from_fault(fault),
-                };
+                let features = self.features_of_pixels(stamp, &image.view(), setting);
                 Features {
-                    exposure,
                     image: Some(image),
                     ..features
                 }
@@ -335,6 +354,25 @@ impl Pipeline {
             },
             ImageContent::Detections(detections) => Features::from_detections(*detections),
             ImageContent::Unreadable(reason) => Features::from_fault(reason),
+        }
+    }
+
+    fn features_of_pixels(
+        &mut self,
+        stamp: Stamp,
+        image: &ImageView<'_>,
+        setting: Option<ExposureSetting>,
+    ) -> Features {
+        let control = self.exposure.as_mut();
+        let exposure = control.and_then(|control| control.process(image, setting));
+        let light_jumped = exposure.is_some_and(|status| status.setting_changed_brightness);
+        let features = match self.run_vision(stamp, image, light_jumped) {
+            Ok(detections) => Features::from_detections(detections),
+            Err(fault) => Features::from_fault(fault),
+        };
+        Features {
+            exposure,
+            ..features
         }
     }
 
@@ -369,14 +407,14 @@ impl Pipeline {
     fn run_vision(
         &mut self,
         stamp: Stamp,
-        image: &SourceImage,
+        image: &ImageView<'_>,
         light_jumped: bool,
     ) -> Result<Detections, String> {
         let Some(vision) = &mut self.vision else {
             return Err("an image, but robot.toml has no [camera]".to_owned());
         };
         let check = self.image_check.as_mut();
-        if let Some(fault) = check.and_then(|check| check.check(stamp, &image.view())) {
+        if let Some(fault) = check.and_then(|check| check.check(stamp, image)) {
             return Err(fault.to_string());
         }
         let last = self.last_image.replace(stamp);
@@ -386,7 +424,7 @@ impl Pipeline {
         }
         let lines = self.interlace.lines(gap);
         let detections = vision
-            .process_with(&image.view(), lines)
+            .process_with(image, lines)
             .map_err(|error| error.to_string())?;
         self.interlace.set_read(match detections.colours_learned {
             true => ScanLines::All,
