@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 export PYO3_PYTHON := $(CURDIR)/$(VENV)/bin/python
 
-.PHONY: announce run test check fmt lint types genicam ros2 doc deny bench figures site wheel dist setup system clean
+.PHONY: announce run test check fmt lint types genicam ros2 rerun doc deny bench figures site wheel dist setup system clean
 
 run: announce setup
 	cargo run --release --locked -- demo
@@ -48,6 +48,11 @@ ros2: setup
 	cargo test --release --locked -p app --features ros2 --lib ros2
 	cargo build --release --locked -p app --features ros2
 	MIRRORBALL_REQUIRE_TOOLS=1 $(VENV)/bin/python -m pytest tests/test_ros.py tests/test_bags.py
+
+# Logs in Rerun: conversion and layout.
+rerun: setup
+	$(VENV)/bin/python -m pip install --quiet rerun-sdk==0.41.0
+	MIRRORBALL_REQUIRE_TOOLS=1 $(VENV)/bin/python -m pytest -q tests/test_log.py -k rerun
 
 # API documentation of our own crates; a broken link is an error.
 doc: setup
