@@ -98,7 +98,7 @@ impl Default for FilterConfig {
             odometry_scale_std: 0.05,
             odometry_coupling_std: 0.02,
             odometry_scale_drift: 0.0005,
-            noise_learning_std: 0.8,
+            noise_learning_std: 2.2,
             velocity_process_noise: 10.0,
             yaw_rate_process_noise: 20.0,
             gyro_noise_deg: 0.06,

@@ -46,20 +46,25 @@ impl<const N: usize> LogVariance<N> {
         }
     }
 
-    /// The same, where three quarters of the prior variance are common to all factors: wheels are better or worse as a
-    /// whole more often than in one term.
-    pub(crate) fn with_common_prior(prior_std: f32) -> Self {
+    /// The same, where three quarters of the prior variance are common to all factors but the last: wheels are better or
+    /// worse as a whole more often than in one term. The last one, of other noise, is within exp(± `other_std`).
+    pub(crate) fn with_common_prior(prior_std: f32, other_std: f32) -> Self {
         let variance = prior_std * prior_std;
+        let mut covariance: SMatrix<f32, N, N> = SMatrix::from_element(COMMON_SHARE * variance)
+            + SMatrix::from_diagonal_element((1.0 - COMMON_SHARE) * variance);
+        let other = N - 1;
+        covariance.row_mut(other).fill(0.0);
+        covariance.column_mut(other).fill(0.0);
+        covariance[(other, other)] = other_std * other_std;
         LogVariance {
-            covariance: SMatrix::from_element(COMMON_SHARE * variance)
-                + SMatrix::from_diagonal_element((1.0 - COMMON_SHARE) * variance),
+            covariance,
             ..LogVariance::new(prior_std)
         }
     }
 
-    /// Expected factors of the variances: an uncertain one is larger (the mean of a log-normal distribution).
+    /// Factors of the variances, the medians of their distribution: the mean of a wide log-normal one is far above them.
     pub(crate) fn factors(&self) -> [f32; N] {
-        std::array::from_fn(|j| math::exp(self.mean[j] + 0.5 * self.covariance[(j, j)]))
+        std::array::from_fn(|j| math::exp(self.mean[j]))
     }
 
     /// Variances of the log factors.
@@ -138,7 +143,7 @@ impl Invertible for SMatrix<f32, 2, 2> {
     }
 }
 
-impl Invertible for SMatrix<f32, 3, 3> {
+impl Invertible for SMatrix<f32, 4, 4> {
     fn inverted(&self) -> Option<Self> {
         self.try_inverse()
     }

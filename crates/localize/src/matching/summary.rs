@@ -8,7 +8,7 @@ use crate::frames::Pose;
 
 /// Variance of a matched pose over that of independent residuals: a point is compared with the nearest marking, which is
 /// not always its own, so that residuals understate errors (measured on synthetic drives, docs/methods.md 5.6).
-const NEAREST_MARKING_SCALE: f32 = 1.15;
+const NEAREST_MARKING_SCALE: f32 = 1.1;
 
 /// Repeated variance, relative to that of independent points, from which it is reported.
 const REPEATED_MIN: f32 = 0.02;

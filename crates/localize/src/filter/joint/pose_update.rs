@@ -120,6 +120,7 @@ impl JointFilter {
         self.wheel_noise.update_by_image(
             &(information * innovation),
             &(information - information * posterior.covariance * information),
+            information,
             &(posterior.covariance.fixed_rows::<3>(0) * information.fixed_columns::<3>(0)),
         );
     }
