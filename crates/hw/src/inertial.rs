@@ -6,6 +6,7 @@ use localize::math;
 use localize::robot::rotation_from_rpy;
 use localize::sample::{Compass, Imu};
 
+use crate::burst::spread_stamps;
 use crate::clock;
 use crate::config::{InertialDeviceConfig, InertialSensor};
 use crate::error::HwError;
@@ -125,6 +126,8 @@ pub struct InertialDecoder {
     last_change: Option<Stamp>,
     last_raw: [i16; 6],
     saturated: bool,
+    /// When the last reading arrived.
+    last_arrival: Option<Stamp>,
 }
 
 #[derive(Debug)]
@@ -150,10 +153,12 @@ impl InertialDecoder {
             last_change: None,
             last_raw: [0; 6],
             saturated: false,
+            last_arrival: None,
         }
     }
 
-    /// The readings in bytes that arrived at `arrival`: [`DeviceEvent::Imu`] and [`DeviceEvent::Compass`].
+    /// The readings in bytes that arrived at `arrival`: [`DeviceEvent::Imu`] and [`DeviceEvent::Compass`]. Several of a
+    /// kind have waited for their reader, and are spread over the time since the previous ones.
     pub fn decode(&mut self, bytes: &[u8], arrival: Stamp) -> Vec<DeviceEvent> {
         let mut readings = Vec::new();
         match &mut self.decoder {
@@ -188,11 +193,16 @@ impl InertialDecoder {
                 )));
             }
         }
+        if !readings.is_empty() {
+            let previous = self.last_arrival.replace(arrival);
+            spread_stamps(&mut readings, previous, arrival);
+        }
         readings
     }
 
     /// Discards an incomplete message, after a gap in the input.
     fn reset(&mut self) {
+        self.last_arrival = None;
         match &mut self.decoder {
             SensorStream::Bno085(stream, before) => {
                 stream.reset();
@@ -442,5 +452,44 @@ mod tests {
         message.roll_cdeg = 1;
         decoder.decode(&message.encode(), Stamp(1_000_000_000));
         assert_eq!(decoder.constant_for(Stamp(1_000_000_000)), 0.0);
+    }
+
+    #[test]
+    fn readings_that_waited_for_a_starved_reader_have_the_times_at_which_they_were_sent() {
+        for sensor in [InertialSensor::Bno085, InertialSensor::Wit] {
+            let mut decoder = InertialDecoder::new(&device(sensor));
+            let (mut sent, mut stamps) = (0u8, Vec::new());
+            // 100 Hz; the reader comes after 10, 40, 70, 100, 10, ... ms.
+            let mut now = Stamp(0);
+            for pause in (0..30).map(|round| 1 + 3 * (round % 4)) {
+                let mut bytes = Vec::new();
+                for _ in 0..pause {
+                    bytes.extend(match sensor {
+                        InertialSensor::Bno085 => Rvc {
+                            index: sent,
+                            ..Rvc::default()
+                        }
+                        .encode()
+                        .to_vec(),
+                        InertialSensor::Wit => [DataType::Acceleration, DataType::AngularRate]
+                            .map(|kind| Wit { kind, raw: [0; 4] }.encode())
+                            .concat(),
+                    });
+                    sent = sent.wrapping_add(1);
+                }
+                now = Stamp(now.0 + pause * 10_000_000);
+                for event in decoder.decode(&bytes, now) {
+                    if let DeviceEvent::Imu(imu) = event {
+                        stamps.push(imu.stamp);
+                    }
+                }
+            }
+            assert_eq!(
+                stamps.len(),
+                159 - usize::from(sensor == InertialSensor::Bno085)
+            );
+            let steps = stamps.windows(2).map(|pair| pair[1].0 - pair[0].0);
+            assert!(steps.clone().all(|step| step == 10_000_000), "{sensor:?}");
+        }
     }
 }

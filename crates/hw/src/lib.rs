@@ -4,6 +4,7 @@
 //! Stamps are CLOCK_MONOTONIC.
 
 pub mod base;
+mod burst;
 pub mod camera;
 mod can_socket;
 mod clock;
