@@ -23,7 +23,8 @@ use pipeline::Cycle;
 use pipeline::datagram::TeamLink;
 use pipeline::datagram::authentication::{MAC_BYTES, MacKey, RejectReason, append_mac};
 use pipeline::datagram::message::{
-    Command, Drive, Echo, Health, Kick, ObjectReport, ObjectState, State, TeamMessage, VERSION,
+    AirborneBall, BallRay, Command, Drive, Echo, Health, Kick, ObjectReport, ObjectState, State,
+    TeamMessage, VERSION,
 };
 use pipeline::feed::Feed;
 use pipeline::testing::random_cycle;
@@ -136,6 +137,8 @@ fn network_proto_matches_the_rust_messages() {
         Kick::get_schema(),
         TeamMessage::get_schema(),
         Echo::get_schema(),
+        AirborneBall::get_schema(),
+        BallRay::get_schema(),
     ] {
         add(schema);
     }

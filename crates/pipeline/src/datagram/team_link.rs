@@ -240,16 +240,18 @@ fn report_from_message(message: &TeamMessage, ours: impl Fn(i64) -> Stamp) -> Te
     }
 }
 
-/// The direction of the ball in the field frame; None while the robot is lost.
+/// The direction of the ball in the field frame; None while the robot is lost. One that others would refuse is not sent,
+/// since they would refuse the whole message.
 fn ball_ray(cycle: &Cycle) -> Option<BallRay> {
     let (sighting, pose) = (cycle.world.ball_sighting?, cycle.estimate.pose?);
-    Some(BallRay {
+    let ray = BallRay {
         azimuth: wrap_angle(sighting.azimuth + pose.theta),
         elevation: sighting.elevation,
         azimuth_std: sighting.std[0],
         elevation_std: sighting.std[1],
         height: sighting.viewpoint_height,
-    })
+    };
+    ray_is_plausible(&ray).then_some(ray)
 }
 
 fn ray_is_plausible(ray: &BallRay) -> bool {
