@@ -342,9 +342,9 @@ fn evaluate_one(path: &TruePath, trial: &AirExperiment, rng: &mut impl Rng) -> A
             score.on_ground += 1;
             score.false_alarms += usize::from(called);
         }
-        let state = match (called, tracked.flight, tracked.ground) {
-            (true, Some(state), _) | (false, _, Some(state)) => state,
-            _ => continue,
+        let called_path = if called { tracked.flight } else { tracked.ground };
+        let Some(state) = called_path else {
+            continue;
         };
         if high && called {
             score.add_error(&state, truth);

@@ -193,7 +193,7 @@ pub(crate) struct GroundTruth {
     #[prost(float, repeated)]
     pub(crate) robots_y: Vec<f32>,
     /// Of the ball's lowest point; 0 in older logs.
-    #[prost(float)]
+    #[prost(float, required)]
     pub(crate) ball_height: f32,
 }
 
