@@ -342,7 +342,11 @@ fn evaluate_one(path: &TruePath, trial: &AirExperiment, rng: &mut impl Rng) -> A
             score.on_ground += 1;
             score.false_alarms += usize::from(called);
         }
-        let called_path = if called { tracked.flight } else { tracked.ground };
+        let called_path = if called {
+            tracked.flight
+        } else {
+            tracked.ground
+        };
         let Some(state) = called_path else {
             continue;
         };
