@@ -164,11 +164,8 @@ fn three_robots_find_a_held_ball_and_the_one_that_errs() {
     for wrong in 0..3 {
         let found = triangulate(&rays(Some(wrong)), &config).expect("a ball");
         assert_eq!(found.outliers, [wrong as u32 + 1]);
-        for axis in 0..3 {
-            assert!(
-                (found.state.state[axis] - ball[axis]).abs() < 0.1,
-                "{found:?}"
-            );
+        for (axis, wanted) in ball.iter().enumerate() {
+            assert!((found.state.state[axis] - wanted).abs() < 0.1, "{found:?}");
         }
     }
     assert_eq!(triangulate(&rays(None)[..1], &config), None);

@@ -83,10 +83,6 @@ impl Scenario {
     }
 
     /// The first key with an invalid value, and the reason.
-    #[expect(
-        clippy::too_many_lines,
-        reason = "a list of parts, one after the other"
-    )]
     fn check(&self) -> Result<(), (String, String)> {
         let refuse = |key: &str, reason: String| Err((key.to_owned(), reason));
         if !(self.duration.is_finite() && self.duration > 0.0) {
