@@ -122,7 +122,7 @@ def test_rerun_shows_each_number_of_its_layout(log: Path, tmp_path: Path) -> Non
     assert (tmp_path / "out/layout.rbl").stat().st_size > 10_000
     recording = tmp_path / f"out/{log.stem}.rrd"
     program = shutil.which("rerun", path=str(Path(sys.executable).parent)) or "rerun"
-    command = [program, "rrd", "print", recording]
+    command: list[str | Path] = [program, "rrd", "print", recording]
     listing = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     for archetype in ("Points3D:positions", "InstancePoses3D:translations", "EncodedImage:blob", "Transform3D:translation"):
         assert archetype in listing

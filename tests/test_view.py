@@ -155,7 +155,8 @@ def test_layout_file_of_another_kind_is_refused_in_one_line(log: Path, display: 
 def test_second_log_is_drawn_beside_the_first(log: Path, display: str, tmp_path: Path) -> None:
     pytest.importorskip("PIL")
     shots = [tmp_path / "alone.png", tmp_path / "both.png"]
-    for shot, others in zip(shots, ([], ["--with", log]), strict=True):
+    beside: list[list[str | Path]] = [[], ["--with", log]]
+    for shot, others in zip(shots, beside, strict=True):
         arguments: list[str | Path] = [PROGRAM, "view", log, *others, "--at", "1", "--preset", "place", "--screenshot", shot]
         done = subprocess.run(
             arguments,
