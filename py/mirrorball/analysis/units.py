@@ -37,10 +37,10 @@ _BY_TOPIC = {
 }
 
 _BY_NAME = (
-    (re.compile(r".*velocity_[xy]"), "_mps"),
+    (re.compile(r".*velocity_[xyz]"), "_mps"),
     (re.compile(r".*acceleration_[xyz]"), "_mps2"),
     (re.compile(r".*(^|_)rate_[xyz]|.*gyro_bias"), "_radps"),
-    (re.compile(r".*(position|ball|pose|on_field|translation)_[xyz]"), "_m"),
+    (re.compile(r".*(position|ball|pose|on_field|from_robot|state|translation)_[xyz]|.*ball_height"), "_m"),
     (re.compile(r"(.*_)?d[xy]|.*residual"), "_m"),
     (re.compile(r"(.*_)?(dtheta|theta|heading)"), "_rad"),
     (re.compile(r".*latency"), "_s"),
