@@ -21,7 +21,8 @@ pub(super) fn csv(curves: &[(&str, Curve<'_>)], (from, to): (f64, f64)) -> Strin
         let times = curves
             .iter()
             .zip(&next)
-            .filter_map(|((_, curve), next)| (*next < curve.len()).then(|| curve.point(*next)[0]));
+            .filter(|((_, curve), next)| **next < curve.len())
+            .map(|((_, curve), next)| curve.point(*next)[0]);
         let Some(time) = times.min_by(f64::total_cmp).filter(|time| *time <= to) else {
             return text;
         };
