@@ -1,5 +1,7 @@
 //! Images: borrowed in the camera's own pixel format, and owned RGB images from files.
 
+mod pixel_batch;
+
 use std::io::Cursor;
 use std::path::Path;
 
@@ -7,6 +9,8 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 
 use crate::error::VisionError;
 use crate::output_file::OutputFile;
+
+pub(crate) use pixel_batch::{OUTSIDE, load_pixel};
 
 /// Largest accepted image or map, pixels. Larger ones are refused before they are unpacked.
 pub const PIXELS_MAX: usize = 64 * 1024 * 1024;
@@ -68,6 +72,7 @@ impl PixelFormat {
 }
 
 /// Red, green, blue of Y, U, V (ITU-R BT.601, full range, as JPEG and USB cameras send it).
+#[inline]
 pub fn yuv_to_rgb([y, u, v]: [u8; 3]) -> [u8; 3] {
     let (y, u, v) = (f32::from(y), f32::from(u) - 128.0, f32::from(v) - 128.0);
     [

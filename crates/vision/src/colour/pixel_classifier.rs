@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::image::{ImageView, PixelFormat};
+use crate::image::{ImageView, PixelFormat, load_pixel};
 
 /// Classifies a fixed set of pixels.
 ///
@@ -17,7 +17,7 @@ pub(crate) struct PixelClassifier {
     output_indices: Vec<u32>,
     /// Start of each row in both, and one past the last.
     row_starts: Vec<u32>,
-    /// First byte of each pixel in an image of `layout` (RGB and BGR only).
+    /// First byte of each pixel in an image of `layout` (RGB only).
     byte_offsets: Vec<u32>,
     layout: Option<(PixelFormat, usize)>,
 }
@@ -60,50 +60,37 @@ impl PixelClassifier {
         let outputs = &self.output_indices[here.clone()];
         match image.format {
             PixelFormat::Rgb8 => {
-                let pixel = |&offset: &u32| load_three_bytes(image.data, offset as usize);
-                classify(&self.byte_offsets[here], outputs, pixel, table, classes);
-            }
-            PixelFormat::Bgr8 => {
-                let pixel =
-                    |&offset: &u32| load_three_bytes(image.data, offset as usize).swap_bytes() >> 8;
-                classify(&self.byte_offsets[here], outputs, pixel, table, classes);
+                let offsets = &self.byte_offsets[here];
+                classify(offsets, outputs, table, classes, |offsets, cells| {
+                    for (cell, &offset) in cells.iter_mut().zip(offsets) {
+                        *cell = load_pixel(image.data, offset as usize);
+                    }
+                });
             }
             _ => {
-                let pixel = |&[u, v]: &[u16; 2]| {
-                    let [a, b, c] = image.native_channels(usize::from(u), usize::from(v));
-                    u32::from_le_bytes([a, b, c, 0])
-                };
-                classify(&self.pixels[here], outputs, pixel, table, classes);
+                let pixels = &self.pixels[here];
+                classify(pixels, outputs, table, classes, |pixels, cells| {
+                    image.read_native(pixels, cells);
+                });
             }
         }
     }
 }
 
-/// Classifies pixels; `pixel` returns the channels of one, the first in the lowest byte.
+/// Classifies pixels; `read` reads the channels of a batch, the first in the lowest byte.
 fn classify<P>(
     pixels: &[P],
     outputs: &[u32],
-    pixel: impl Fn(&P) -> u32,
     table: &ColourLookupTable,
     classes: &mut [ColourClass],
+    read: impl Fn(&[P], &mut [u32; BATCH]),
 ) {
     let mut cells = [0u32; BATCH];
     for (pixels, outputs) in pixels.chunks(BATCH).zip(outputs.chunks(BATCH)) {
-        for (slot, pixel_at) in cells.iter_mut().zip(pixels) {
-            *slot = pixel(pixel_at);
-        }
+        read(pixels, &mut cells);
         for cell in &mut cells {
             *cell = ColourLookupTable::cell_index(*cell);
         }
         table.scatter(&cells, outputs, classes);
-    }
-}
-
-/// Three bytes from an offset, the first lowest; a single load if a fourth byte exists.
-#[inline]
-fn load_three_bytes(data: &[u8], offset: usize) -> u32 {
-    match data.get(offset..offset + 4) {
-        Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]),
-        _ => u32::from_le_bytes([data[offset], data[offset + 1], data[offset + 2], 0]),
     }
 }

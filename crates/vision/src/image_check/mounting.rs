@@ -120,12 +120,13 @@ impl MountingCheck {
             .filter(seen)
             .map(|index| self.variance[index])
             .collect();
-        variances.sort_unstable_by(f32::total_cmp);
+        if variances.is_empty() {
+            return 0;
+        }
+        let middle = variances.len() / 2;
+        let (_, median, _) = variances.select_nth_unstable_by(middle, f32::total_cmp);
         // Of a robot at rest everything stays in place.
-        if variances
-            .get(variances.len() / 2)
-            .is_none_or(|&median| median < MOVING_STD * MOVING_STD)
-        {
+        if *median < MOVING_STD * MOVING_STD {
             return 0;
         }
         let landmarks: Vec<usize> = self.landmarks();

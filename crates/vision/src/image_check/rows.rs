@@ -1,6 +1,8 @@
 //! What do the rows of an image say about it? Samples of each row that shows ground, compared with each other and with
 //! the image before.
 
+use std::ops::Range;
+
 use crate::image::{ImageView, PixelFormat};
 use crate::optics::ground_map::GroundMap;
 
@@ -27,6 +29,8 @@ struct SampledRow {
     row: usize,
     /// Of each sample of the row, from the image's left edge to its right one: true if it shows ground.
     ground: Vec<bool>,
+    /// The samples that show ground, as runs of neighbours.
+    runs: Vec<Range<usize>>,
     /// Where its samples start.
     start: usize,
 }
@@ -85,6 +89,7 @@ impl SampledRows {
                     start += ground.len();
                     SampledRow {
                         row,
+                        runs: runs_of(&ground),
                         ground,
                         start: begin,
                     }
@@ -129,17 +134,15 @@ impl SampledRows {
             | PixelFormat::BayerGbrg => 2,
             _ => 1,
         };
+        let yuv = self.yuv;
         for row in self.rows.iter().step_by(self.row_step) {
-            let samples = &mut self.samples[row.start..][..row.ground.len()];
-            for (number, sample) in samples.iter_mut().enumerate() {
-                *sample = image.native_channels(number * COLUMN_STEP, row.row);
+            let here = row.start..row.start + row.ground.len();
+            let samples = &mut self.samples[here.clone()];
+            read_samples(image, row.row, samples);
+            for (level, &sample) in self.brightness[here].iter_mut().zip(&*samples) {
+                *level = brightness(yuv, sample);
             }
         }
-        let mut brightness = std::mem::take(&mut self.brightness);
-        for (level, &sample) in brightness.iter_mut().zip(&self.samples) {
-            *level = self.brightness(sample);
-        }
-        self.brightness = brightness;
     }
 
     /// Brightness of a row's samples.
@@ -155,26 +158,20 @@ impl SampledRows {
         &samples[row.start..][..row.ground.len()]
     }
 
-    fn brightness(&self, sample: [u8; 3]) -> u8 {
-        // Luminance, or green, which has most of it; red or blue where a picture has no green.
-        if self.yuv {
-            sample[0]
-        } else {
-            sample[0].max(sample[1]).max(sample[2])
-        }
-    }
-
     pub(super) fn levels(&self) -> Levels {
-        let mut histogram = [0usize; 256];
+        let mut histogram = [0u32; 256];
         let mut count = 0;
         for row in self.read_rows() {
-            for (&level, &ground) in self.levels_of(row).iter().zip(&row.ground) {
-                histogram[usize::from(level)] += usize::from(ground);
-                count += usize::from(ground);
+            let levels = self.levels_of(row);
+            for run in &row.runs {
+                for &level in &levels[run.clone()] {
+                    histogram[usize::from(level)] += 1;
+                }
+                count += run.len();
             }
         }
         let quantile = |share: f32| {
-            let rank = (share * count as f32) as usize;
+            let rank = (share * count as f32) as u32;
             let mut sum = 0;
             let level = histogram.iter().position(|bin| {
                 sum += bin;
@@ -276,7 +273,7 @@ impl SampledRows {
             return false;
         }
         let [upper, lower]: [Vec<u8>; 2] = [above.row, above.row + self.row_step].map(|row| {
-            let level = |column| self.brightness(image.native_channels(column, row));
+            let level = |column| brightness(self.yuv, image.native_channels(column, row));
             columns.clone().map(level).collect()
         });
         let most = DISPLACEMENT_MAX.min(upper.len() / 3);
@@ -305,27 +302,23 @@ impl SampledRows {
         let rows: Vec<&SampledRow> = self.read_rows().collect();
         for band in rows.chunks(PART_ROWS) {
             let parts = self.size_px.0.div_ceil(PART_SAMPLES * COLUMN_STEP);
-            let mut sums = vec![(0.0f32, 0usize); parts];
+            let mut sums = vec![(0u32, 0usize); parts];
             for row in band {
-                let mut last: Option<u8> = None;
-                let levels = self.levels_of(row).iter().zip(&row.ground);
-                for (number, (&level, &ground)) in levels.enumerate() {
-                    if !ground {
-                        last = None;
-                        continue;
+                let levels = self.levels_of(row);
+                for run in &row.runs {
+                    for [left, right] in levels[run.clone()].array_windows() {
+                        noise[usize::from(left.abs_diff(*right))] += 1;
                     }
-                    if let Some(last) = last {
-                        noise[usize::from(level.abs_diff(last))] += 1;
+                    for number in run.clone() {
+                        let part = &mut sums[number / PART_SAMPLES];
+                        *part = (part.0 + u32::from(levels[number]), part.1 + 1);
                     }
-                    let part = &mut sums[number / PART_SAMPLES];
-                    *part = (part.0 + f32::from(level), part.1 + 1);
-                    last = Some(level);
                 }
             }
             let full = PART_ROWS * PART_SAMPLES / (2 * self.row_step);
             let whole = sums.iter().filter(|(_, count)| *count >= full);
             for (sum, count) in whole {
-                means.push(sum / *count as f32);
+                means.push(*sum as f32 / *count as f32);
                 fewest = fewest.min(*count);
             }
         }
@@ -357,8 +350,65 @@ fn median_bin(counts: &[usize; 256]) -> usize {
     median.unwrap_or(0)
 }
 
+/// Runs of true values, as ranges of indices.
+fn runs_of(values: &[bool]) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for (index, _) in values.iter().enumerate().filter(|(_, value)| **value) {
+        match runs.last_mut().filter(|run| run.end == index) {
+            Some(run) => run.end += 1,
+            None => runs.push(index..index + 1),
+        }
+    }
+    runs
+}
+
+/// Luminance, or the brightest channel: green in most pictures, red or blue where one has no green.
+fn brightness(yuv: bool, sample: [u8; 3]) -> u8 {
+    if yuv {
+        sample[0]
+    } else {
+        sample[0].max(sample[1]).max(sample[2])
+    }
+}
+
+/// Reads the samples of a row.
+fn read_samples(image: &ImageView<'_>, row: usize, samples: &mut [[u8; 3]]) {
+    match image.format {
+        PixelFormat::Rgb8 => read_packed::<{ 3 * COLUMN_STEP }>(image, row, [0, 1, 2], samples),
+        PixelFormat::Bgr8 => read_packed::<{ 3 * COLUMN_STEP }>(image, row, [2, 1, 0], samples),
+        PixelFormat::Yuyv => read_packed::<{ 2 * COLUMN_STEP }>(image, row, [0, 1, 3], samples),
+        PixelFormat::Uyvy => read_packed::<{ 2 * COLUMN_STEP }>(image, row, [1, 0, 2], samples),
+        _ => {
+            for (number, sample) in samples.iter_mut().enumerate() {
+                *sample = image.native_channels(number * COLUMN_STEP, row);
+            }
+        }
+    }
+}
+
+/// Reads the samples of a row whose pixels follow each other; `BYTES` from sample to sample, channels at these `places`.
+fn read_packed<const BYTES: usize>(
+    image: &ImageView<'_>,
+    row: usize,
+    places: [usize; 3],
+    samples: &mut [[u8; 3]],
+) {
+    let bytes = &image.data[row * image.stride..];
+    for (sample, bytes) in samples.iter_mut().zip(bytes.chunks(BYTES)) {
+        *sample = places.map(|place| bytes[place]);
+    }
+}
+
 /// True if all samples are the same, but for a level.
 fn is_even(samples: &[[u8; 3]]) -> bool {
+    let Some(first) = samples.first() else {
+        return true;
+    };
+    // Most rows show within a few samples that they are not.
+    let near = |sample: &[u8; 3]| (0..3).all(|k| sample[k].abs_diff(first[k]) <= 1);
+    if !samples.iter().all(near) {
+        return false;
+    }
     let (mut least, mut most) = ([u8::MAX; 3], [u8::MIN; 3]);
     for sample in samples {
         for k in 0..3 {

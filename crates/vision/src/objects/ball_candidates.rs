@@ -12,10 +12,11 @@ use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::colour::pixel_classifier::PixelClassifier;
 use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
+use crate::objects::coarse_batch::{LANES, coarse_log_odds};
 use crate::objects::network::{NETWORKS, logistic};
 use crate::objects::patch::{
     BallAngles, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, floor_pixels, inner_pixels,
-    normalize_coarse_patch, normalize_patch, read_coarse_patch, read_patch,
+    normalize_patch, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
@@ -46,6 +47,18 @@ struct GridPlace {
     range: f32,
     ball: BallAngles,
     coarse: CoarsePixels,
+}
+
+impl GridPlace {
+    /// Not judged yet.
+    fn candidate(&self) -> BallCandidate {
+        BallCandidate {
+            view_angle: self.view_angle,
+            azimuth: self.azimuth,
+            ball: self.ball,
+            probability: 0.0,
+        }
+    }
 }
 
 /// The places at which balls are sought.
@@ -135,7 +148,7 @@ impl BallGrid {
             let native = image.native_channels(usize::from(u), usize::from(v));
             table.class(native) == ColourClass::CARPET
         };
-        let mut ranked: Vec<(f32, BallCandidate)> = Vec::new();
+        let mut judged: Vec<&GridPlace> = Vec::new();
         for (place, &centre) in self.places.iter().zip(&self.centre_classes) {
             if centre == ColourClass::CARPET || is_beyond_carpet(place.azimuth / TAU, place.range) {
                 continue;
@@ -148,18 +161,17 @@ impl BallGrid {
             if floor.filter(|&pixel| is_carpet(pixel)).count() < FLOOR_CARPET_MIN {
                 continue;
             }
-            let colours = read_coarse_patch(image, &place.coarse);
-            let log_odds = NETWORKS
-                .ball_coarse
-                .log_odds(&normalize_coarse_patch(PatchKind::Ball, &colours));
-            let candidate = BallCandidate {
-                view_angle: place.view_angle,
-                azimuth: place.azimuth,
-                ball: place.ball,
-                probability: 0.0,
-            };
-            if log_odds >= LOG_ODDS_MIN {
-                ranked.push((log_odds, candidate));
+            judged.push(place);
+        }
+        let mut ranked: Vec<(f32, BallCandidate)> = Vec::new();
+        for places in judged.chunks(LANES) {
+            let patches: Vec<&CoarsePixels> = places.iter().map(|place| &place.coarse).collect();
+            let network = &NETWORKS.ball_coarse;
+            let odds = coarse_log_odds(network, PatchKind::Ball, image, &patches);
+            for (place, log_odds) in places.iter().zip(odds) {
+                if log_odds >= LOG_ODDS_MIN {
+                    ranked.push((log_odds, place.candidate()));
+                }
             }
         }
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));

@@ -7,9 +7,9 @@ use std::sync::LazyLock;
 
 use localize::math;
 
-use crate::image::ImageView;
+use crate::image::{ImageView, OUTSIDE};
 use crate::objects::ball_candidates::BallCandidate;
-use crate::objects::patch::logarithm;
+use crate::objects::patch::{logarithms, pixels_at};
 use crate::objects::view_angles::ViewAngles;
 
 /// Samples of the window's side, and their spacing in ball radii: the window spans 4.8 radii.
@@ -157,18 +157,19 @@ fn read_window(
     let directions: [(f32, f32); SIDE] = std::array::from_fn(|column| {
         math::sin_cos(candidate.azimuth + offset(column) * candidate.ball.half_width)
     });
-    let [centre_u, centre_v] = angles.centre_px;
-    let (width, height) = (image.width_px as f32, image.height_px as f32);
-    for (row, colours) in window.chunks_exact_mut(SIDE).enumerate() {
+    let size_px = [image.width_px, image.height_px];
+    let logarithms = logarithms();
+    for (row, colours) in window.as_chunks_mut::<SIDE>().0.iter_mut().enumerate() {
         let radius = ray.radius_px(candidate.view_angle + offset(row) * candidate.ball.half_height);
-        for (colour, (sin, cos)) in colours.iter_mut().zip(directions) {
-            let u = (centre_u + radius * cos + 0.5).floor();
-            let v = (centre_v - radius * sin + 0.5).floor();
-            // Not a number fails as well.
-            if !(u >= 0.0 && v >= 0.0 && u < width && v < height) {
-                return None;
-            }
-            let logs = image.rgb(u as usize, v as usize).map(logarithm);
+        let pixels = pixels_at(angles.centre_px, size_px, radius, &directions);
+        if pixels.contains(&OUTSIDE) {
+            return None;
+        }
+        let mut read = [0; SIDE];
+        image.read_rgb(&pixels, &mut read);
+        for (colour, rgb) in colours.iter_mut().zip(read) {
+            let [r, g, b, _] = rgb.to_le_bytes();
+            let logs = [r, g, b].map(|level| logarithms[usize::from(level)]);
             let brightness = (logs[0] + logs[1] + logs[2]) / 3.0;
             let [r, g, b] = logs.map(|log| log - brightness);
             *colour = [r, g, b, BRIGHTNESS_WEIGHT * brightness];

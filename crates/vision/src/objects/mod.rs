@@ -3,6 +3,7 @@
 pub mod ball;
 pub(crate) mod ball_candidates;
 mod ball_fit;
+mod coarse_batch;
 mod covariance;
 pub mod goals;
 pub(crate) mod ground_contact;

@@ -13,6 +13,8 @@ use crate::objects::patch::{CHANNELS, COARSE_SAMPLES, SAMPLES, SIDE};
 /// Units of the coarse network, and inputs that a dense layer takes at a time.
 const COARSE_UNITS: usize = 8;
 const LANES: usize = 4;
+/// Units of a dense layer that are summed at a time; it has a multiple of them.
+const BLOCK: usize = 8;
 /// Channels of the first and second convolution, units of the dense layer.
 const CONV1: usize = 8;
 const CONV2: usize = 16;
@@ -22,6 +24,8 @@ const SIDE1: usize = SIDE / 2;
 const SIDE2: usize = SIDE / 4;
 /// Pixels below a convolution's kernel.
 const KERNEL: usize = 9;
+/// Inputs of the coarse network.
+const COARSE_INPUTS: usize = CHANNELS * COARSE_SAMPLES;
 /// Inputs of the dense layer.
 const FLAT: usize = SIDE2 * SIDE2 * CONV2;
 
@@ -66,8 +70,9 @@ impl Weights {
         })
     }
 
-    fn rows<const N: usize>(&mut self, count: usize) -> Vec<[f32; N]> {
-        (0..count).map(|_| self.row()).collect()
+    /// Boxed arrays of a known length: loops over them need no checks and keep their sums in registers.
+    fn rows<const N: usize, const ROWS: usize>(&mut self) -> Box<[[f32; N]; ROWS]> {
+        Box::new(std::array::from_fn(|_| self.row()))
     }
 }
 
@@ -84,33 +89,37 @@ fn rectify<const N: usize>(values: [f32; N]) -> [f32; N] {
     values.map(|value| value.max(0.0))
 }
 
-/// Inputs, a multiple of [`LANES`], times a layer's weights, plus its bias.
+/// Inputs, a multiple of [`LANES`] in number, times a layer's weights, plus its bias.
 ///
-/// Four sums at a time: additions to one sum wait for each other.
+/// Four sums at a time: additions to one sum wait for each other. Eight units at a time: their sums stay in registers.
 #[inline(always)]
 fn dense_layer<const UNITS: usize>(
     inputs: &[f32],
     weights: &[[f32; UNITS]],
     bias: [f32; UNITS],
 ) -> [f32; UNITS] {
-    let mut lanes = [[0.0; UNITS]; LANES];
     let (inputs, _) = inputs.as_chunks::<LANES>();
     let (rows, _) = weights.as_chunks::<LANES>();
-    for (inputs, rows) in inputs.iter().zip(rows) {
-        for ((sums, &input), weights) in lanes.iter_mut().zip(inputs).zip(rows) {
-            accumulate(sums, input, weights);
-        }
-    }
     let mut sums = bias;
-    for lane in &lanes {
-        accumulate(&mut sums, 1.0, lane);
+    for (block, sums) in sums.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
+        let [mut a, mut b, mut c, mut d] = [[0.0; BLOCK]; LANES];
+        for (inputs, rows) in inputs.iter().zip(rows) {
+            let of_block = |row: usize| &rows[row].as_chunks::<BLOCK>().0[block];
+            accumulate(&mut a, inputs[0], of_block(0));
+            accumulate(&mut b, inputs[1], of_block(1));
+            accumulate(&mut c, inputs[2], of_block(2));
+            accumulate(&mut d, inputs[3], of_block(3));
+        }
+        for lane in [a, b, c, d] {
+            accumulate(sums, 1.0, &lane);
+        }
     }
     sums
 }
 
 /// One hidden layer over a coarse patch.
 pub(crate) struct CoarseNetwork {
-    hidden: Vec<[f32; COARSE_UNITS]>,
+    hidden: Box<[[f32; COARSE_UNITS]; COARSE_INPUTS]>,
     hidden_bias: [f32; COARSE_UNITS],
     output: [f32; COARSE_UNITS],
     output_bias: f32,
@@ -119,45 +128,64 @@ pub(crate) struct CoarseNetwork {
 impl CoarseNetwork {
     fn read(weights: &mut Weights) -> Self {
         CoarseNetwork {
-            hidden: weights.rows(CHANNELS * COARSE_SAMPLES),
+            hidden: weights.rows(),
             hidden_bias: weights.row(),
             output: weights.row(),
             output_bias: weights.row::<1>()[0],
         }
     }
 
-    /// Log odds of the object.
-    pub(crate) fn log_odds(&self, patch: &[f32; CHANNELS * COARSE_SAMPLES]) -> f32 {
-        let hidden = dense_layer(patch, &self.hidden, self.hidden_bias);
-        let products = rectify(hidden).into_iter().zip(self.output);
-        products.fold(self.output_bias, |sum, (value, weight)| {
-            sum + value * weight
-        })
+    /// Log odds of the object in each lane.
+    ///
+    /// A unit at a time, by four sums: additions to one sum wait for each other.
+    #[inline(never)]
+    pub(crate) fn log_odds<const N: usize>(&self, inputs: &[[f32; N]]) -> [f32; N] {
+        let mut odds = [self.output_bias; N];
+        for unit in 0..COARSE_UNITS {
+            let [mut a, mut b, mut c, mut d] = [[0.0; N]; LANES];
+            let (inputs, _) = inputs.as_chunks::<LANES>();
+            let (rows, _) = self.hidden.as_chunks::<LANES>();
+            for (inputs, rows) in inputs.iter().zip(rows) {
+                accumulate(&mut a, rows[0][unit], &inputs[0]);
+                accumulate(&mut b, rows[1][unit], &inputs[1]);
+                accumulate(&mut c, rows[2][unit], &inputs[2]);
+                accumulate(&mut d, rows[3][unit], &inputs[3]);
+            }
+            let mut hidden = [self.hidden_bias[unit]; N];
+            for lane in [a, b, c, d] {
+                accumulate(&mut hidden, 1.0, &lane);
+            }
+            for (odds, value) in odds.iter_mut().zip(rectify(hidden)) {
+                *odds += value * self.output[unit];
+            }
+        }
+        odds
     }
 }
 
 /// Two convolutions (3 × 3, stride 2, one pixel of padding) and two dense layers.
 pub(crate) struct PatchNetwork<const OUT: usize> {
-    conv1: Vec<[f32; CONV1]>,
+    conv1: Box<[[f32; CONV1]; CHANNELS * KERNEL]>,
     conv1_bias: [f32; CONV1],
-    conv2: Vec<[f32; CONV2]>,
+    /// By place of the kernel, then by channel: the order of the sums.
+    conv2: Box<[[f32; CONV2]; CONV1 * KERNEL]>,
     conv2_bias: [f32; CONV2],
-    dense: Vec<[f32; DENSE]>,
+    dense: Box<[[f32; DENSE]; FLAT]>,
     dense_bias: [f32; DENSE],
-    output: Vec<[f32; OUT]>,
+    output: Box<[[f32; OUT]; DENSE]>,
     output_bias: [f32; OUT],
 }
 
 impl<const OUT: usize> PatchNetwork<OUT> {
     fn read(weights: &mut Weights) -> Self {
         PatchNetwork {
-            conv1: weights.rows(CHANNELS * KERNEL),
+            conv1: weights.rows(),
             conv1_bias: weights.row(),
-            conv2: weights.rows(CONV1 * KERNEL),
+            conv2: by_kernel(&weights.rows()),
             conv2_bias: weights.row(),
-            dense: weights.rows(FLAT),
+            dense: weights.rows(),
             dense_bias: weights.row(),
-            output: weights.rows(DENSE),
+            output: weights.rows(),
             output_bias: weights.row(),
         }
     }
@@ -166,9 +194,9 @@ impl<const OUT: usize> PatchNetwork<OUT> {
     pub(crate) fn evaluate(&self, patch: &[f32; CHANNELS * SAMPLES]) -> [f32; OUT] {
         let first = self.convolve_first(patch);
         let flat = self.convolve_second(&first);
-        let sums = dense_layer(flat.as_flattened(), &self.dense, self.dense_bias);
+        let sums = dense_layer(&flat, &*self.dense, self.dense_bias);
         let mut output = self.output_bias;
-        for (input, weights) in rectify(sums).into_iter().zip(&self.output) {
+        for (input, weights) in rectify(sums).into_iter().zip(&*self.output) {
             accumulate(&mut output, input, weights);
         }
         output
@@ -189,10 +217,13 @@ impl<const OUT: usize> PatchNetwork<OUT> {
         for (row, out) in out[1..].iter_mut().enumerate() {
             let mut sums = [self.conv1_bias; SIDE1];
             for (plane, weights) in planes.iter().zip(self.conv1.as_chunks::<KERNEL>().0) {
-                for (kernel, weights) in weights.iter().enumerate() {
-                    let inputs = &plane[2 * row + kernel / 3];
-                    for (column, sums) in sums.iter_mut().enumerate() {
-                        accumulate(sums, inputs[2 * column + kernel % 3], weights);
+                for (inputs, weights) in
+                    plane[2 * row..][..3].iter().zip(weights.as_chunks::<3>().0)
+                {
+                    for (shift, weights) in weights.iter().enumerate() {
+                        for (column, sums) in sums.iter_mut().enumerate() {
+                            accumulate(sums, inputs[2 * column + shift], weights);
+                        }
                     }
                 }
             }
@@ -203,25 +234,39 @@ impl<const OUT: usize> PatchNetwork<OUT> {
         out
     }
 
-    /// Second convolution.
-    fn convolve_second(&self, first: &Framed<CONV1>) -> [[f32; CONV2]; SIDE2 * SIDE2] {
-        let mut flat = [[0.0; CONV2]; SIDE2 * SIDE2];
-        for (row, out) in flat.as_chunks_mut::<SIDE2>().0.iter_mut().enumerate() {
+    /// Second convolution; place by place, row by row.
+    fn convolve_second(&self, first: &Framed<CONV1>) -> [f32; FLAT] {
+        let mut flat = [0.0; FLAT];
+        for (row, out) in flat
+            .as_chunks_mut::<{ SIDE2 * CONV2 }>()
+            .0
+            .iter_mut()
+            .enumerate()
+        {
             let mut sums = [self.conv2_bias; SIDE2];
-            for kernel in 0..KERNEL {
-                let inputs = &first[2 * row + kernel / 3];
-                let weights = self.conv2.iter().skip(kernel).step_by(KERNEL);
-                for (channel, weights) in weights.take(CONV1).enumerate() {
-                    for (column, sums) in sums.iter_mut().enumerate() {
-                        let input = inputs[2 * column + kernel % 3][channel];
-                        accumulate(sums, input, weights);
+            let weights = self.conv2.as_chunks::<{ 3 * CONV1 }>().0;
+            for (inputs, weights) in first[2 * row..][..3].iter().zip(weights) {
+                for (shift, weights) in weights.as_chunks::<CONV1>().0.iter().enumerate() {
+                    for (channel, weights) in weights.iter().enumerate() {
+                        for (column, sums) in sums.iter_mut().enumerate() {
+                            accumulate(sums, inputs[2 * column + shift][channel], weights);
+                        }
                     }
                 }
             }
-            *out = sums.map(rectify);
+            for (out, sums) in out.as_chunks_mut::<CONV2>().0.iter_mut().zip(sums) {
+                *out = rectify(sums);
+            }
         }
         flat
     }
+}
+
+/// Weights of the second convolution, given by channel and then by place of the kernel, by place and then by channel.
+fn by_kernel(by_channel: &[[f32; CONV2]; CONV1 * KERNEL]) -> Box<[[f32; CONV2]; CONV1 * KERNEL]> {
+    Box::new(std::array::from_fn(|index| {
+        by_channel[index % CONV1 * KERNEL + index / CONV1]
+    }))
 }
 
 /// Outputs of the first convolution behind a border of zeros.
@@ -243,12 +288,12 @@ pub(crate) fn softmax<const N: usize>(outputs: [f32; N]) -> [f32; N] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::objects::patch::{PatchKind, normalize_patch};
+    use crate::objects::patch::{PatchColours, PatchKind, normalize_patch};
 
     fn probability(colour: impl Fn(f32, f32) -> [u8; 3]) -> f32 {
-        let colours = std::array::from_fn(|index| {
-            let [row, column] = [index / SIDE, index % SIDE].map(|at| 0.4 * (at as f32 - 5.5));
-            Some(colour(row, column))
+        let colours = PatchColours::of(|row, column| {
+            let [row, column] = [row, column].map(|at| 0.4 * (at as f32 - 5.5));
+            colour(row, column)
         });
         let [log_odds] = NETWORKS
             .ball
@@ -294,9 +339,10 @@ mod tests {
 
     #[test]
     fn inference_gives_what_training_computed() {
-        let mut outputs = vec![NETWORKS.ball_coarse.log_odds(&reference_input())];
+        let coarse = reference_input::<COARSE_INPUTS>().map(|value| [value]);
+        let mut outputs = NETWORKS.ball_coarse.log_odds(&coarse).to_vec();
         outputs.extend(NETWORKS.ball.evaluate(&reference_input()));
-        outputs.push(NETWORKS.obstacle_coarse.log_odds(&reference_input()));
+        outputs.extend(NETWORKS.obstacle_coarse.log_odds(&coarse));
         outputs.extend(NETWORKS.obstacle.evaluate(&reference_input()));
         let expected = include_str!("objects.reference").lines();
         let expected: Vec<f32> = expected.map(|line| line.parse().unwrap()).collect();

@@ -9,12 +9,13 @@ use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::ObjectDetectionConfig;
-use crate::image::ImageView;
+use crate::image::{ImageView, OUTSIDE};
+use crate::objects::coarse_batch::{LANES, coarse_log_odds};
 use crate::objects::network::{NETWORKS, softmax};
 use crate::objects::own_parts::OwnParts;
 use crate::objects::patch::{
     COARSE_SAMPLES, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, logarithms,
-    normalize_coarse_patch, normalize_patch, obstacle_row_step, read_coarse_patch, read_patch,
+    normalize_patch, obstacle_row_step, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
@@ -42,6 +43,9 @@ const SEPARATION_ABREAST: f32 = 0.3;
 /// Difference of distances up to which two candidates stand abreast, metres.
 const ABREAST_RANGE: f32 = 0.35;
 
+/// Places whose colours are read at a time.
+const BATCH: usize = 64;
+
 /// A foot point of the grid.
 #[derive(Debug, Clone, Copy)]
 struct FootPlace {
@@ -50,6 +54,18 @@ struct FootPlace {
     below: [[u16; 2]; 2],
     above: [[u16; 2]; 2],
     beyond_line: [u16; 2],
+}
+
+impl FootPlace {
+    /// Not judged yet.
+    fn candidate(&self) -> ObstacleCandidate {
+        ObstacleCandidate {
+            range: self.range,
+            azimuth: self.azimuth,
+            robot: 0.0,
+            person: 0.0,
+        }
+    }
 }
 
 /// Places of one distance.
@@ -64,6 +80,8 @@ struct GridRow {
 pub(crate) struct ObstacleGrid {
     /// Row by row outward, evenly around the axis; None outside the image.
     places: Vec<Option<FootPlace>>,
+    /// Of each place, the farther pixels above and below; apart, since most places are plain and need no others.
+    far_pixels: Vec<[[u16; 2]; 2]>,
     /// Pixels of each place's coarse patch; apart, since few places come so far.
     coarse: Vec<CoarsePixels>,
     rows: Vec<GridRow>,
@@ -139,8 +157,11 @@ impl ObstacleGrid {
                 coarse_pixels(angles, &frame, size_px)
             })
         };
+        let far =
+            |place: &Option<FootPlace>| place.map_or([OUTSIDE; 2], |it| [it.above[1], it.below[1]]);
         ObstacleGrid {
             own_parts: OwnParts::new(places.len()),
+            far_pixels: places.iter().map(far).collect(),
             is_new_view: false,
             coarse: places.iter().map(coarse).collect(),
             places,
@@ -159,12 +180,7 @@ impl ObstacleGrid {
         table: &ColourLookupTable,
         is_hidden: impl Fn(f32, f32) -> bool,
     ) -> Vec<ObstacleCandidate> {
-        let logarithms = logarithms();
-        let edge = |place: &Option<FootPlace>| {
-            let place = place.as_ref();
-            place.map_or(0.0, |place| edge_step(image, table, logarithms, place))
-        };
-        let mut edges: Vec<f32> = self.places.iter().map(edge).collect();
+        let mut edges = self.edge_steps(image, table);
         self.is_new_view = self
             .own_parts
             .add_image(edges.iter().map(|&edge| edge > 0.0));
@@ -173,7 +189,7 @@ impl ObstacleGrid {
                 *edge = 0.0;
             }
         }
-        let mut ranked: Vec<(f32, ObstacleCandidate)> = Vec::new();
+        let mut judged: Vec<usize> = Vec::new();
         for (row, grid_row) in self.rows.iter().enumerate() {
             for number in 0..grid_row.count {
                 let index = grid_row.first + number;
@@ -200,18 +216,18 @@ impl ObstacleGrid {
                 if is_hidden(turns, place.range) {
                     continue;
                 }
-                let colours = read_coarse_patch(image, &self.coarse[index]);
-                let log_odds = NETWORKS
-                    .obstacle_coarse
-                    .log_odds(&normalize_coarse_patch(PatchKind::Obstacle, &colours));
-                let candidate = ObstacleCandidate {
-                    range: place.range,
-                    azimuth: place.azimuth,
-                    robot: 0.0,
-                    person: 0.0,
-                };
-                if log_odds >= LOG_ODDS_MIN {
-                    ranked.push((log_odds, candidate));
+                judged.push(index);
+            }
+        }
+        let mut ranked: Vec<(f32, ObstacleCandidate)> = Vec::new();
+        for indices in judged.chunks(LANES) {
+            let patches: Vec<&CoarsePixels> =
+                indices.iter().map(|&index| &self.coarse[index]).collect();
+            let network = &NETWORKS.obstacle_coarse;
+            let odds = coarse_log_odds(network, PatchKind::Obstacle, image, &patches);
+            for (&index, log_odds) in indices.iter().zip(odds) {
+                if let Some(place) = self.places[index].filter(|_| log_odds >= LOG_ODDS_MIN) {
+                    ranked.push((log_odds, place.candidate()));
                 }
             }
         }
@@ -229,6 +245,28 @@ impl ObstacleGrid {
             }
         }
         best
+    }
+
+    /// Step of the colours at each place; 0 where there is no edge above carpet.
+    fn edge_steps(&self, image: &ImageView<'_>, table: &ColourLookupTable) -> Vec<f32> {
+        let logarithms = logarithms();
+        let mut edges = vec![0.0; self.places.len()];
+        let batches = edges.chunks_mut(BATCH).zip(self.places.chunks(BATCH));
+        for ((edges, places), far) in batches.zip(self.far_pixels.chunks(BATCH)) {
+            let mut colours = [[0u32; 2]; BATCH];
+            let colours = &mut colours[..far.len()];
+            image.read_rgb(far.as_flattened(), colours.as_flattened_mut());
+            for ((edge, place), colours) in edges.iter_mut().zip(places).zip(colours) {
+                let [above, below] = colours.map(|colour| log_colour(logarithms, colour));
+                // Most places are plain: one pair of pixels shows it.
+                if log_step(above, below) >= PLAIN_STEP_MAX
+                    && let Some(place) = place
+                {
+                    *edge = edge_step(image, table, logarithms, place, [above, below]);
+                }
+            }
+        }
+        edges
     }
 
     /// Judges candidates by their pixels; the best of each group remain, best first.
@@ -312,35 +350,43 @@ impl ObstacleGrid {
     }
 }
 
-/// Step of the logarithmic colours across an edge above carpet; 0 if there is none or it is a line's.
-#[inline]
+/// Logarithms of a colour whose red is in the lowest byte.
+#[inline(always)]
+fn log_colour(logarithms: &[f32; 256], colour: u32) -> [f32; 3] {
+    let [r, g, b, _] = colour.to_le_bytes();
+    [r, g, b].map(|level| logarithms[usize::from(level)])
+}
+
+/// Mean difference of two logarithmic colours.
+#[inline(always)]
+fn log_step(a: [f32; 3], b: [f32; 3]) -> f32 {
+    ((a[0] - b[0]).abs() + (a[1] - b[1]).abs() + (a[2] - b[2]).abs()) / 3.0
+}
+
+/// Step of the logarithmic colours across an edge above carpet; 0 if there is none or it is a line's. `far`: the colours
+/// of the farther pixels above and below.
 fn edge_step(
     image: &ImageView<'_>,
     table: &ColourLookupTable,
     logarithms: &[f32; 256],
     place: &FootPlace,
+    [far_above, far_below]: [[f32; 3]; 2],
 ) -> f32 {
+    let mut read = [0; 3];
+    image.read_rgb(
+        &[place.above[0], place.below[0], place.beyond_line],
+        &mut read,
+    );
+    let [near_above, near_below, beyond_line] = read.map(|colour| log_colour(logarithms, colour));
+    let mean = |a: [f32; 3], b: [f32; 3]| [0, 1, 2].map(|channel| (a[channel] + b[channel]) / 2.0);
+    let below = mean(near_below, far_below);
+    let edge = log_step(mean(near_above, far_above), below);
     let is_carpet = |[u, v]: [u16; 2]| {
         let native = image.native_channels(usize::from(u), usize::from(v));
         table.class(native) == ColourClass::CARPET
     };
-    let logs = |[u, v]: [u16; 2]| {
-        let rgb = image.rgb(usize::from(u), usize::from(v));
-        rgb.map(|level| logarithms[usize::from(level)])
-    };
-    let mean = |a: [f32; 3], b: [f32; 3]| [0, 1, 2].map(|channel| (a[channel] + b[channel]) / 2.0);
-    let step = |a: [f32; 3], b: [f32; 3]| {
-        ((a[0] - b[0]).abs() + (a[1] - b[1]).abs() + (a[2] - b[2]).abs()) / 3.0
-    };
-    // Most places are plain: one pair of pixels shows it.
-    let (far_above, far_below) = (logs(place.above[1]), logs(place.below[1]));
-    if step(far_above, far_below) < PLAIN_STEP_MAX {
-        return 0.0;
-    }
-    let below = mean(logs(place.below[0]), far_below);
-    let edge = step(mean(logs(place.above[0]), far_above), below);
     if edge < EDGE_STEP_MIN
-        || step(logs(place.beyond_line), below) < BEYOND_LINE_STEP_MIN
+        || log_step(beyond_line, below) < BEYOND_LINE_STEP_MIN
         || !place.below.iter().any(|&pixel| is_carpet(pixel))
     {
         return 0.0;

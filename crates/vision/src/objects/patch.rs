@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use localize::math;
 
-use crate::image::{ImageView, PixelFormat};
+use crate::image::{ImageView, OUTSIDE};
 use crate::objects::view_angles::ViewAngles;
 
 /// Samples of a patch's side.
@@ -31,7 +31,7 @@ const FOOT_ROW: f32 = 3.0;
 /// Added before the logarithm, levels: noise of dark pixels has little effect.
 const LOG_OFFSET: f32 = 8.0;
 /// Limit of each channel.
-const CHANNEL_MAX: f32 = 2.0;
+pub(crate) const CHANNEL_MAX: f32 = 2.0;
 
 /// Logarithm of each level.
 static LOGARITHMS: LazyLock<[f32; 256]> =
@@ -144,8 +144,14 @@ impl BallAngles {
     }
 }
 
-/// Red, green and blue of a patch's samples, row by row; None outside the image.
-pub(crate) type PatchColours = [Option<[u8; 3]>; SAMPLES];
+/// Colours of a patch's samples, row by row.
+#[derive(Debug, Clone)]
+pub(crate) struct PatchColours {
+    /// Red in the lowest byte, then green and blue; black outside the image.
+    rgb: [u32; SAMPLES],
+    /// 1 inside the image, 0 outside.
+    inside: [f32; SAMPLES],
+}
 
 /// Reads a full patch.
 pub(crate) fn read_patch(
@@ -156,22 +162,19 @@ pub(crate) fn read_patch(
     let directions = frame.directions();
     let ray = angles.ray(frame.azimuth);
     let size_px = [image.width_px, image.height_px];
-    let mut colours = [None; SAMPLES];
-    for (row, colours) in colours.chunks_exact_mut(SIDE).enumerate() {
+    let mut pixels = [OUTSIDE; SAMPLES];
+    for (row, pixels) in pixels.as_chunks_mut::<SIDE>().0.iter_mut().enumerate() {
         let radius = ray.radius_px(frame.row_angle(row));
-        for (colour, &direction) in colours.iter_mut().zip(&directions) {
-            *colour = pixel(angles.centre_px, size_px, radius, direction)
-                .map(|[u, v]| image.rgb(usize::from(u), usize::from(v)));
-        }
+        *pixels = pixels_at(angles.centre_px, size_px, radius, &directions);
     }
-    colours
+    let mut rgb = [0; SAMPLES];
+    image.read_rgb(&pixels, &mut rgb);
+    let inside = pixels.map(|pixel| if pixel == OUTSIDE { 0.0 } else { 1.0 });
+    PatchColours { rgb, inside }
 }
 
 /// Pixels of a coarse patch, column and row; [`OUTSIDE`] outside the image.
 pub(crate) type CoarsePixels = [[u16; 2]; COARSE_SAMPLES];
-
-/// Marks a sample outside the image.
-const OUTSIDE: [u16; 2] = [u16::MAX; 2];
 
 /// Pixels of a coarse patch: every second sample of the patch.
 pub(crate) fn coarse_pixels(
@@ -182,12 +185,13 @@ pub(crate) fn coarse_pixels(
     let directions = frame.directions();
     let ray = angles.ray(frame.azimuth);
     let mut pixels = [OUTSIDE; COARSE_SAMPLES];
-    for (number, &row) in COARSE.iter().enumerate() {
-        let radius = ray.radius_px(frame.row_angle(row));
-        for (place, &column) in COARSE.iter().enumerate() {
-            let found = pixel(angles.centre_px, size_px, radius, directions[column]);
-            pixels[number * COARSE.len() + place] = found.unwrap_or(OUTSIDE);
-        }
+    for (row, pixels) in COARSE
+        .iter()
+        .zip(pixels.as_chunks_mut::<{ COARSE.len() }>().0)
+    {
+        let radius = ray.radius_px(frame.row_angle(*row));
+        let found = pixels_at(angles.centre_px, size_px, radius, &directions);
+        *pixels = COARSE.map(|column| found[column]);
     }
     pixels
 }
@@ -206,8 +210,8 @@ const OBSTACLE_FLOOR: [usize; FOOT_ROW as usize * SIDE] = {
     }
     samples
 };
-const COARSE_FLOOR: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 11, 12, 17];
-const COARSE_OBSTACLE_FLOOR: [usize; 12] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11];
+pub(crate) const COARSE_FLOOR: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 11, 12, 17];
+pub(crate) const COARSE_OBSTACLE_FLOOR: [usize; 12] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11];
 /// Samples of a coarse patch nearest its origin.
 const COARSE_INNER: [usize; 4] = [14, 15, 20, 21];
 
@@ -225,40 +229,28 @@ fn inside<const N: usize>(pixels: [[u16; 2]; N]) -> impl Iterator<Item = [u16; 2
     pixels.into_iter().filter(|&pixel| pixel != OUTSIDE)
 }
 
-/// Reads a coarse patch.
+/// Pixels at a radius in some directions (sine and cosine of the azimuth).
 #[inline]
-pub(crate) fn read_coarse_patch(
-    image: &ImageView<'_>,
-    pixels: &CoarsePixels,
-) -> [Option<[u8; 3]>; COARSE_SAMPLES] {
-    if image.format == PixelFormat::Rgb8 {
-        // A pixel outside the image lies behind the end of the data, so one comparison suffices.
-        return pixels.map(|[u, v]| {
-            let start = usize::from(v) * image.stride + 3 * usize::from(u);
-            let bytes = image.data.get(start..start + 3)?;
-            Some([bytes[0], bytes[1], bytes[2]])
-        });
-    }
-    pixels.map(|pixel| {
-        let [u, v] = pixel.map(usize::from);
-        (pixel != OUTSIDE).then(|| image.rgb(u, v))
-    })
-}
-
-/// Pixel at a radius and direction (sine, cosine of the azimuth).
-fn pixel(
+pub(crate) fn pixels_at<const N: usize>(
     centre_px: [f32; 2],
     [width, height]: [usize; 2],
     radius: f32,
-    (sin, cos): (f32, f32),
-) -> Option<[u16; 2]> {
-    let (u, v) = (
-        (centre_px[0] + radius * cos + 0.5).floor(),
-        (centre_px[1] - radius * sin + 0.5).floor(),
-    );
-    // Not a number fails as well.
-    let inside = u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32;
-    inside.then_some([u as u16, v as u16])
+    directions: &[(f32, f32); N],
+) -> [[u16; 2]; N] {
+    let (width, height) = (width as f32, height as f32);
+    directions.map(|(sin, cos)| {
+        let (u, v) = (
+            (centre_px[0] + radius * cos + 0.5).floor(),
+            (centre_px[1] - radius * sin + 0.5).floor(),
+        );
+        // Not a number fails as well.
+        let inside = (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height);
+        if inside {
+            [u as i32 as u16, v as i32 as u16]
+        } else {
+            OUTSIDE
+        }
+    })
 }
 
 /// What a patch shows; decides which samples are floor before it and what samples outside the image mean.
@@ -270,9 +262,8 @@ pub(crate) enum PatchKind {
     Obstacle,
 }
 
-/// Room for the floor's samples of a full and of a coarse patch: whole vector registers of bytes.
+/// Room for the floor's samples: whole vector registers of bytes.
 const FLOOR_ROOM: usize = 64;
-const COARSE_FLOOR_ROOM: usize = 16;
 
 /// Input of a network: channel by channel, row by row.
 pub(crate) fn normalize_patch(
@@ -283,55 +274,34 @@ pub(crate) fn normalize_patch(
         PatchKind::Ball => &BALL_FLOOR,
         PatchKind::Obstacle => &OBSTACLE_FLOOR,
     };
-    normalize::<SAMPLES, _, FLOOR_ROOM>(kind, colours, floor)
-}
-
-/// As [`normalize_patch`], for a coarse patch.
-pub(crate) fn normalize_coarse_patch(
-    kind: PatchKind,
-    colours: &[Option<[u8; 3]>; COARSE_SAMPLES],
-) -> [f32; CHANNELS * COARSE_SAMPLES] {
-    let floor: &[usize] = match kind {
-        PatchKind::Ball => &COARSE_FLOOR,
-        PatchKind::Obstacle => &COARSE_OBSTACLE_FLOOR,
+    let known = match kind {
+        PatchKind::Ball => &[1.0; SAMPLES],
+        PatchKind::Obstacle => &colours.inside,
     };
-    normalize::<COARSE_SAMPLES, _, COARSE_FLOOR_ROOM>(kind, colours, floor)
-}
-
-#[inline(always)]
-fn normalize<const N: usize, const M: usize, const ROOM: usize>(
-    kind: PatchKind,
-    colours: &[Option<[u8; 3]>; N],
-    floor: &[usize],
-) -> [f32; M] {
     let logarithms = logarithms();
     // One array for each channel, so that the arithmetic below is vectorised.
-    let mut logs = [[0.0f32; N]; 3];
-    let mut known = [1.0f32; N];
-    for (index, colour) in colours.iter().enumerate() {
-        let rgb = colour.unwrap_or([0; 3]);
-        for channel in 0..3 {
-            logs[channel][index] = logarithms[usize::from(rgb[channel])];
-        }
-        if kind == PatchKind::Obstacle && colour.is_none() {
-            known[index] = 0.0;
-        }
+    let mut logs = [[0.0f32; SAMPLES]; 3];
+    for (index, colour) in colours.rgb.iter().enumerate() {
+        let [r, g, b, _] = colour.to_le_bytes();
+        logs[0][index] = logarithms[usize::from(r)];
+        logs[1][index] = logarithms[usize::from(g)];
+        logs[2][index] = logarithms[usize::from(b)];
     }
     // Free places hold the largest level, which no median counts.
-    let mut levels = [[u8::MAX; ROOM]; 3];
+    let mut levels = [[u8::MAX; FLOOR_ROOM]; 3];
     for (place, &index) in floor.iter().enumerate() {
-        let rgb = colours[index].unwrap_or([0; 3]);
-        for channel in 0..3 {
-            levels[channel][place] = rgb[channel];
-        }
+        let [r, g, b, _] = colours.rgb[index].to_le_bytes();
+        levels[0][place] = r;
+        levels[1][place] = g;
+        levels[2][place] = b;
     }
     let reference = levels.map(|levels| median_logarithm(&levels, floor.len()));
     let reference_range = range(reference);
-    let mut input = [0.0; M];
+    let mut input = [0.0; CHANNELS * SAMPLES];
     let [reds, greens, blues] = &logs;
-    let (brightness, rest) = input.split_at_mut(N);
-    let (relative_range, saturation) = rest.split_at_mut(N);
-    for index in 0..N {
+    let (brightness, rest) = input.split_at_mut(SAMPLES);
+    let (relative_range, saturation) = rest.split_at_mut(SAMPLES);
+    for index in 0..SAMPLES {
         let here = [reds[index], greens[index], blues[index]];
         let [r, g, b] = [
             here[0] - reference[0],
@@ -394,15 +364,27 @@ mod tests {
         }
     }
 
+    impl PatchColours {
+        /// Colours inside the image by row and column.
+        pub(crate) fn of(colour: impl Fn(usize, usize) -> [u8; 3]) -> Self {
+            let rgb = std::array::from_fn(|index| {
+                let [r, g, b] = colour(index / SIDE, index % SIDE);
+                u32::from_le_bytes([r, g, b, 0])
+            });
+            let inside = [1.0; SAMPLES];
+            PatchColours { rgb, inside }
+        }
+    }
+
     /// A disc of one colour on a floor of another.
     fn disc(floor: [u8; 3], ball: [u8; 3]) -> PatchColours {
-        std::array::from_fn(|index| {
-            let [row, column] = [index / SIDE, index % SIDE].map(|at| at as f32 - 5.5);
-            Some(if row * row + column * column < 7.0 {
+        PatchColours::of(|row, column| {
+            let [row, column] = [row, column].map(|at| at as f32 - 5.5);
+            if row * row + column * column < 7.0 {
                 ball
             } else {
                 floor
-            })
+            }
         })
     }
 
@@ -421,7 +403,8 @@ mod tests {
     #[test]
     fn samples_outside_the_image_do_not_count_as_obstacle() {
         let mut colours = disc([40, 80, 60], [10, 10, 10]);
-        colours[SAMPLES - SIDE..].fill(None);
+        colours.rgb[SAMPLES - SIDE..].fill(0);
+        colours.inside[SAMPLES - SIDE..].fill(0.0);
         let input = normalize_patch(PatchKind::Obstacle, &colours);
         assert!(
             input[SAMPLES - SIDE..SAMPLES]
@@ -471,21 +454,5 @@ mod tests {
             .filter(|&index| near(coarse[index].0) && near(coarse[index].1))
             .collect();
         assert_eq!(inner, COARSE_INNER);
-    }
-
-    #[test]
-    fn pixels_outside_an_image_are_none_in_every_format() {
-        let mut pixels = [OUTSIDE; COARSE_SAMPLES];
-        pixels[1] = [3, 1];
-        let data: Vec<u8> = (0..4 * 2 * 3).collect();
-        for format in [PixelFormat::Rgb8, PixelFormat::Bgr8] {
-            let read = read_coarse_patch(&ImageView::packed(4, 2, format, &data), &pixels);
-            let expected = match format {
-                PixelFormat::Rgb8 => [21, 22, 23],
-                _ => [23, 22, 21],
-            };
-            assert_eq!(read[1], Some(expected));
-            assert!(read[0].is_none() && read[2].is_none());
-        }
     }
 }

@@ -1,0 +1,158 @@
+//! Many pixels of an image at a time: what differs between formats is decided once for all of them.
+
+use crate::image::{ImageView, PixelFormat, yuv_to_rgb};
+
+/// Marks a pixel outside the image.
+pub(crate) const OUTSIDE: [u16; 2] = [u16::MAX; 2];
+
+impl ImageView<'_> {
+    /// Reads pixels (column, row) as [`ImageView::native_channels`] does, the first channel into the lowest byte. The
+    /// highest byte is undefined. [`OUTSIDE`] gives 0.
+    #[inline]
+    pub(crate) fn read_native(&self, pixels: &[[u16; 2]], channels: &mut [u32]) {
+        // A pixel outside the image lies behind the end of the data.
+        let (data, stride) = (self.data, self.stride);
+        match self.format {
+            PixelFormat::Rgb8 => read_each(pixels, channels, |u, v| {
+                load_pixel(data, v * stride + 3 * u)
+            }),
+            PixelFormat::Bgr8 => read_each(pixels, channels, |u, v| {
+                load_pixel(data, v * stride + 3 * u).swap_bytes() >> 8
+            }),
+            PixelFormat::Yuyv => read_each(pixels, channels, |u, v| {
+                let pair = load_pair(data, v * stride + 4 * (u / 2));
+                let luma = pair >> (16 * (u % 2)) & 0xff;
+                luma | pair & 0xff00 | pair >> 8 & 0xff_0000
+            }),
+            PixelFormat::Uyvy => read_each(pixels, channels, |u, v| {
+                let pair = load_pair(data, v * stride + 4 * (u / 2));
+                let luma = pair >> (8 + 16 * (u % 2)) & 0xff;
+                luma | (pair & 0xff) << 8 | pair & 0xff_0000
+            }),
+            _ => read_each(pixels, channels, |u, v| {
+                if [u, v] == OUTSIDE.map(usize::from) {
+                    return 0;
+                }
+                let [a, b, c] = self.native_channels(u, v);
+                u32::from_le_bytes([a, b, c, 0])
+            }),
+        }
+    }
+
+    /// Reads the red, green and blue of pixels (column, row), red into the lowest byte. The highest byte is undefined.
+    /// [`OUTSIDE`] gives black.
+    #[inline]
+    pub(crate) fn read_rgb(&self, pixels: &[[u16; 2]], colours: &mut [u32]) {
+        self.read_native(pixels, colours);
+        if self.format.is_yuv() {
+            for (colour, &pixel) in colours.iter_mut().zip(pixels) {
+                let [y, u, v, _] = colour.to_le_bytes();
+                let [r, g, b] = yuv_to_rgb([y, u, v]);
+                let inside = if pixel == OUTSIDE { 0 } else { u32::MAX };
+                *colour = u32::from_le_bytes([r, g, b, 0]) & inside;
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn read_each(pixels: &[[u16; 2]], channels: &mut [u32], read: impl Fn(usize, usize) -> u32) {
+    for (channels, &[u, v]) in channels.iter_mut().zip(pixels) {
+        *channels = read(usize::from(u), usize::from(v));
+    }
+}
+
+/// Three bytes from an offset, the first lowest: a single load wherever a fourth byte follows. 0 behind the data's end.
+#[inline(always)]
+pub(crate) fn load_pixel(data: &[u8], offset: usize) -> u32 {
+    match data.get(offset..offset + 4) {
+        Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]),
+        _ => load_last_pixel(data, offset),
+    }
+}
+
+#[cold]
+fn load_last_pixel(data: &[u8], offset: usize) -> u32 {
+    match data.get(offset..offset + 3) {
+        Some(&[a, b, c]) => u32::from_le_bytes([a, b, c, 0]),
+        _ => 0,
+    }
+}
+
+/// Four bytes from an offset, the first lowest. 0 behind the data's end.
+#[inline(always)]
+fn load_pair(data: &[u8], offset: usize) -> u32 {
+    match data.get(offset..offset + 4) {
+        Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]),
+        _ => 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FORMATS: [PixelFormat; 11] = [
+        PixelFormat::Rgb8,
+        PixelFormat::Bgr8,
+        PixelFormat::Grey8,
+        PixelFormat::Yuyv,
+        PixelFormat::Uyvy,
+        PixelFormat::Yuv411,
+        PixelFormat::Nv12,
+        PixelFormat::BayerRggb,
+        PixelFormat::BayerBggr,
+        PixelFormat::BayerGrbg,
+        PixelFormat::BayerGbrg,
+    ];
+
+    /// Every pixel of an image of random bytes, padded rows and an odd size included, against the reading of one pixel.
+    #[test]
+    fn many_pixels_are_what_single_ones_are_in_every_format() {
+        let mut state = 1u32;
+        let data: Vec<u8> = (0..600)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 24) as u8
+            })
+            .collect();
+        for format in FORMATS {
+            for (width_px, height_px, padding) in [(8usize, 6usize, 0), (7, 5, 0), (8, 5, 3)] {
+                let stride = format.row_bytes(width_px) + padding;
+                let rows = match format {
+                    PixelFormat::Nv12 => height_px + height_px.div_ceil(2),
+                    _ => height_px,
+                };
+                // Not a byte more than the image has.
+                let length = stride * (rows - 1) + format.row_bytes(width_px);
+                let image = ImageView {
+                    width_px,
+                    height_px,
+                    format,
+                    stride,
+                    data: &data[..length],
+                };
+                image.check(width_px, height_px).expect("a whole image");
+                let mut pixels: Vec<[u16; 2]> = (0..height_px as u16)
+                    .flat_map(|v| (0..width_px as u16).map(move |u| [u, v]))
+                    .collect();
+                pixels.push(OUTSIDE);
+                let mut read = [vec![0; pixels.len()], vec![0; pixels.len()]];
+                image.read_native(&pixels, &mut read[0]);
+                image.read_rgb(&pixels, &mut read[1]);
+                let [native, rgb] = &read;
+                let colour =
+                    |word: u32| -> [u8; 3] { std::array::from_fn(|k| word.to_le_bytes()[k]) };
+                for (index, &pixel) in pixels.iter().enumerate() {
+                    let [u, v] = pixel.map(usize::from);
+                    let (single, single_rgb) = match pixel {
+                        OUTSIDE => ([0; 3], [0; 3]),
+                        _ => (image.native_channels(u, v), image.rgb(u, v)),
+                    };
+                    assert_eq!(colour(native[index]), single, "{format:?} {pixel:?}");
+                    assert_eq!(colour(rgb[index]), single_rgb, "{format:?} {pixel:?}");
+                }
+            }
+        }
+    }
+}
