@@ -19,6 +19,10 @@ pub(crate) struct FrameRateCounter {
     /// Longest processor time of this thread for one frame, and the sum over all.
     longest_cpu: Duration,
     total_cpu: Duration,
+    /// Processor time of the process at the start of the first frame that counts, and of the last one.
+    process_cpu: Option<(Duration, Duration)>,
+    /// Frames whose processor time counts.
+    cpu_frames: u32,
 }
 
 impl FrameRateCounter {
@@ -39,20 +43,30 @@ impl FrameRateCounter {
         }
     }
 
-    /// Records the processor time that this thread has used so far: a busy machine does not change it.
-    pub(crate) fn record_cpu(&mut self, now: Duration) {
-        let last = self.last_cpu.replace(now);
+    /// Records the processor times that this thread and the process have used so far: a busy machine does not change
+    /// them. The first second does not count.
+    pub(crate) fn record_cpu(&mut self, thread: Duration, process: Duration) {
+        let last = self.last_cpu.replace(thread);
         if let Some(last) = last.filter(|_| self.totals().1 > RATE_WINDOW.as_secs_f64()) {
-            let used = now.saturating_sub(last);
+            let used = thread.saturating_sub(last);
             self.longest_cpu = self.longest_cpu.max(used);
             self.total_cpu += used;
+            let (first, _) = *self.process_cpu.get_or_insert((process, process));
+            self.process_cpu = Some((first, process));
+            self.cpu_frames += 1;
         }
     }
 
     /// Mean and longest processor time of this thread for one frame.
     pub(crate) fn frame_cpu(&self) -> (Duration, Duration) {
-        let frames = u32::try_from(self.frames).unwrap_or(u32::MAX).max(1);
-        (self.total_cpu / frames, self.longest_cpu)
+        (self.total_cpu / self.cpu_frames.max(1), self.longest_cpu)
+    }
+
+    /// Mean processor time of all threads for one frame.
+    pub(crate) fn process_cpu(&self) -> Duration {
+        let used = self.process_cpu.map(|(first, last)| last - first);
+        // The first counted frame begins the measurement.
+        used.unwrap_or_default() / self.cpu_frames.saturating_sub(1).max(1)
     }
 
     /// Longest time for one frame, seconds.

@@ -127,6 +127,36 @@ pub(crate) fn open_panels(tree: &Tree<PanelId>) -> Vec<PanelId> {
     open
 }
 
+/// The open panels from left to right and from top to bottom, tab by tab.
+pub(crate) fn panels_in_order(tree: &Tree<PanelId>) -> Vec<PanelId> {
+    let mut panels = Vec::new();
+    let mut waiting: Vec<TileId> = tree.root().into_iter().collect();
+    while let Some(tile) = waiting.pop() {
+        match tree.tiles.get(tile) {
+            Some(Tile::Pane(id)) => panels.push(*id),
+            Some(Tile::Container(container)) => {
+                let mut children: Vec<TileId> = container.children().copied().collect();
+                children.reverse();
+                waiting.extend(children);
+            }
+            None => {}
+        }
+    }
+    panels
+}
+
+/// Brings a panel to the front of its tabs.
+pub(crate) fn show_panel(tree: &mut Tree<PanelId>, id: PanelId) {
+    tree.make_active(|_, tile| matches!(tile, Tile::Pane(pane) if *pane == id));
+}
+
+/// Closes a panel.
+pub(crate) fn close_panel(tree: &mut Tree<PanelId>, id: PanelId) {
+    if let Some(tile) = tree.tiles.find_pane(&id) {
+        tree.remove_recursively(tile);
+    }
+}
+
 /// True if the tree contains a panel of the kind.
 pub(crate) fn contains_pane(tree: &Tree<PanelId>, pane: Pane) -> bool {
     open_panels(tree).iter().any(|id| id.pane == pane)
@@ -168,10 +198,8 @@ pub(crate) fn toggle_pane(tree: &mut Tree<PanelId>, pane: Pane) {
         return open_pane(tree, pane);
     }
     for id in open_panels(tree) {
-        if id.pane == pane
-            && let Some(tile) = tree.tiles.find_pane(&id)
-        {
-            tree.remove_recursively(tile);
+        if id.pane == pane {
+            close_panel(tree, id);
         }
     }
 }

@@ -10,7 +10,7 @@ use vision::output_file::write_file;
 
 use super::layout::{PanelLayout, open_panels};
 use super::panels::camera_layers::CameraLayers;
-use super::panels::field::FieldLayers;
+use super::panels::field_layers::FieldLayers;
 use super::panels::plots::PlotsPanel;
 use super::panels::{PanelId, Panels};
 

@@ -5,27 +5,35 @@
 //! separate threads. The pipeline's threads never wait for the view.
 
 mod accessibility;
+mod actions;
 mod birds_eye;
 mod brush;
 pub(crate) mod calibration_job;
 mod calibration_state;
+mod current_panel;
 mod curves;
 mod device_monitor;
 mod dialogs;
 mod file_dialog;
 mod frame_rate;
 mod inverse_ground_map;
+mod keyboard_pointer;
 mod layer_worker;
 mod layout;
 mod layout_file;
+mod line_simplification;
 mod menu;
 mod palette;
+mod panel_command;
 mod panels;
 mod panzoom;
+mod pen;
+mod pen_texture;
 mod pixel_info;
 mod report;
 mod robot_folder;
 mod run_findings;
+mod search;
 mod selection;
 mod session;
 mod setting_changes;
@@ -33,12 +41,14 @@ mod settings;
 mod settings_state;
 mod setup_job;
 mod shell;
+mod shortcut_table;
 mod shortcuts;
 mod source;
 mod static_scene;
 mod status_message;
 #[cfg(test)]
 mod tests;
+mod tiles;
 mod time_series;
 mod undo;
 mod window;
@@ -65,6 +75,9 @@ pub(crate) struct Args {
     /// Time to show first, seconds.
     #[arg(long, value_name = "SECONDS")]
     at: Option<f64>,
+    /// Begin to play at once.
+    #[arg(long)]
+    play: bool,
     /// Panel layout at start. Default: the layout of the last session.
     #[arg(long, value_enum)]
     preset: Option<Task>,
@@ -117,6 +130,9 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     }
     if let Some(at) = args.at {
         session.seek(at);
+    }
+    if args.play && !session.playback.playing {
+        session.toggle_playback();
     }
     let options = window::WindowOptions {
         layout: args.preset.map(Task::preset),

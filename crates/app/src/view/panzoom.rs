@@ -1,11 +1,17 @@
 //! Pan and zoom of a picture: scroll zooms at the pointer, drag pans, double-click resets.
 
-use eframe::egui::{Color32, Painter, Pos2, Rect, Response, Ui, Vec2};
+use eframe::egui::{Color32, Pos2, Rect, Response, Ui, Vec2};
+
+use super::panel_command::PanelCommand;
+use super::pen::Pen;
 
 /// Zoom limits; 1 fits the whole picture.
 const ZOOM_RANGE: [f32; 2] = [0.5, 60.0];
 /// Scrolled points per zoom factor of e.
 const SCROLL_POINTS_PER_E_FOLD: f32 = 300.0;
+
+/// Share of the visible part that a key moves by.
+const PAN_SHARE: f32 = 0.1;
 
 /// The visible part of a picture; its x axis points right, its y axis down.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,6 +72,17 @@ impl PanZoom {
         self.transform(area, size)
     }
 
+    /// Does what keys ask for.
+    pub(crate) fn apply(&mut self, command: PanelCommand) {
+        match command {
+            PanelCommand::Pan(step) => self.centre += PAN_SHARE / self.zoom * Vec2::from(step),
+            PanelCommand::Zoom(factor) => {
+                self.zoom = (self.zoom * factor).clamp(ZOOM_RANGE[0], ZOOM_RANGE[1]);
+            }
+            PanelCommand::ShowAll => *self = PanZoom::default(),
+        }
+    }
+
     /// The transform that places the picture in a screen area.
     pub(crate) fn transform(&self, area: Rect, size: Vec2) -> ScreenTransform {
         let scale = self.scale(area, size);
@@ -82,11 +99,10 @@ impl PanZoom {
 }
 
 /// Fills `outer` except `inner`: a software renderer also pays for pixels that are painted over later.
-pub(crate) fn fill_around(painter: &Painter, outer: Rect, inner: Rect, colour: Color32) {
-    // Overlap by one point: the fill's edges are anti-aliased and must lie under the picture.
-    let inner = inner.shrink(1.0).intersect(outer);
+pub(crate) fn fill_around(pen: &Pen, outer: Rect, inner: Rect, colour: Color32) {
+    let inner = inner.intersect(outer);
     if !inner.is_positive() {
-        painter.rect_filled(outer, 0.0, colour);
+        pen.rect(outer, colour);
         return;
     }
     let [left, right] = [outer.left()..=inner.left(), inner.right()..=outer.right()];
@@ -98,7 +114,7 @@ pub(crate) fn fill_around(painter: &Painter, outer: Rect, inner: Rect, colour: C
         Rect::from_x_y_ranges(right, inner.y_range()),
     ];
     for band in bands.into_iter().filter(Rect::is_positive) {
-        painter.rect_filled(band, 0.0, colour);
+        pen.rect(band, colour);
     }
 }
 

@@ -8,16 +8,20 @@ use eframe::egui::{self, Ui};
 use egui_tiles::Tree;
 use pipeline::PipelineConfig;
 
-use super::file_dialog::{FileDialog, Purpose};
+use super::current_panel::CurrentPanel;
+use super::file_dialog::FileDialog;
 use super::frame_rate::FrameRateCounter;
+use super::keyboard_pointer::KeyboardPointer;
 use super::layer_worker::{LayerSelection, LayerWorker};
 use super::layout::{self, PanelLayout};
 use super::layout_file::SavedLayout;
-use super::panels::{Pane, PaneBehavior, PanelId, Panels};
+use super::panels::{Pane, PanelId, Panels};
 use super::report;
+use super::search::SearchBox;
 use super::session::Session;
-use super::shortcuts::{self, Action};
+use super::shortcuts;
 use super::source::Source;
+use super::tiles::PaneBehavior;
 use super::undo::{Edited, UndoHistory};
 
 /// Repaint interval while nothing plays.
@@ -43,10 +47,15 @@ pub(crate) struct View {
     pub(crate) tree: Tree<PanelId>,
     pub(crate) layout: PanelLayout,
     pub(crate) help_open: bool,
+    /// The panel that takes the keys.
+    pub(crate) current: CurrentPanel,
+    /// The pointer, while keys move it.
+    pub(crate) pointer: KeyboardPointer,
+    pub(crate) search: SearchBox,
     pub(crate) dialog: Option<FileDialog>,
     /// Logs opened last, the newest first.
     pub(crate) recent_files: Vec<PathBuf>,
-    history: UndoHistory,
+    pub(crate) history: UndoHistory,
     /// The settings in use with their text, and the session's revision of which they are.
     config_text: Option<(u64, Arc<(PipelineConfig, String)>)>,
     layer_worker: Option<LayerWorker>,
@@ -69,6 +78,9 @@ impl View {
             tree: layout::build_tree(layout),
             layout,
             help_open: false,
+            current: CurrentPanel::default(),
+            pointer: KeyboardPointer::default(),
+            search: SearchBox::default(),
             dialog: None,
             recent_files: Vec::new(),
             history: UndoHistory::default(),
@@ -141,6 +153,7 @@ impl View {
             let mut behavior = PaneBehavior {
                 session: &mut self.session,
                 panels: &mut self.panels,
+                current: &mut self.current,
             };
             self.tree.ui(&mut behavior, ui);
             if self.tree.is_empty() {
@@ -152,6 +165,8 @@ impl View {
         }
         shortcuts::show_shortcut_list(ui.ctx(), &mut self.help_open);
         let ctx = ui.ctx().clone();
+        self.show_search(&ctx);
+        self.pointer.draw(&ctx);
         self.show_dialog(&ctx);
         self.take_dropped_files(&ctx);
         self.record_edits(&ctx);
@@ -163,56 +178,6 @@ impl View {
         } else {
             IDLE_REPAINT_INTERVAL
         });
-    }
-
-    /// Applies the action of a shortcut.
-    fn apply_action(&mut self, ctx: &egui::Context, action: Action) {
-        let session = &mut self.session;
-        let camera = &mut self.panels.camera;
-        match action {
-            Action::SaveScreenshot => self.ask(Purpose::SaveScreenshot),
-            Action::SaveReport => self.ask(Purpose::SaveReport),
-            Action::Open => self.ask(Purpose::Open),
-            Action::OpenBeside => self.ask(Purpose::OpenBeside),
-            Action::Undo => {
-                let edited = self.history.undo();
-                self.restore_edit(edited);
-            }
-            Action::Redo => {
-                let edited = self.history.redo();
-                self.restore_edit(edited);
-            }
-            Action::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
-            Action::ToggleHelp => self.help_open = !self.help_open,
-            Action::TogglePlayback => session.toggle_playback(),
-            Action::SeekBy(seconds) => session.seek(session.playback.time + seconds),
-            Action::Step(cycles) => session.step(cycles),
-            Action::SeekToStart => {
-                if let Some((start, _)) = session.source.span() {
-                    session.seek(start);
-                }
-            }
-            Action::SeekToEnd => {
-                if let Some((_, end)) = session.source.span() {
-                    session.seek(end);
-                    session.playback.playing = matches!(session.source, Source::Live(_));
-                }
-            }
-            Action::SeekFinding(ahead) => session.next_finding(ahead),
-            Action::SelectNext(ahead) => session.select_next(ahead),
-            Action::ScalePlottedTime(factor) => self.panels.plots.scale_time(session, factor),
-            Action::AddMark => session.add_mark(""),
-            Action::ScaleSpeed(factor) => session.set_speed(session.playback.speed * factor),
-            Action::ToggleClasses => camera.layers.classes = !camera.layers.classes,
-            Action::ToggleFieldLines => camera.layers.field_lines = !camera.layers.field_lines,
-            Action::ToggleGrid => camera.layers.grid = !camera.layers.grid,
-            Action::ToggleBirdsEye => camera.birds_eye = !camera.birds_eye,
-            Action::ToggleTheme => ctx.set_theme(match ctx.theme() {
-                egui::Theme::Dark => egui::Theme::Light,
-                egui::Theme::Light => egui::Theme::Dark,
-            }),
-            Action::SetLayout(layout) => self.set_layout(layout),
-        }
     }
 
     /// Submits the visible layers to the layer worker, and takes its results.
@@ -296,7 +261,7 @@ impl View {
     }
 
     /// Restores a state of the history.
-    fn restore_edit(&mut self, edited: Option<Edited>) {
+    pub(crate) fn restore_edit(&mut self, edited: Option<Edited>) {
         let Some(edited) = edited else {
             self.status_message = Some("nothing to undo or redo".to_owned());
             return;

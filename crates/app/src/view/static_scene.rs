@@ -97,25 +97,27 @@ impl StaticScene {
         }
     }
 
-    /// Line segments of the markings in pixels, as the camera sees them.
-    pub(crate) fn project_markings(&self, view: View<'_>) -> Vec<[[f32; 2]; 2]> {
+    /// Lines of the markings in pixels, as the camera sees them.
+    pub(crate) fn project_markings(&self, view: View<'_>) -> Vec<Vec<[f32; 2]>> {
         let Some(camera) = &self.camera else {
             return Vec::new();
         };
         let robot_from_field = view.pose.inverse();
         let prepared = camera.prepare_correction(view.correction);
-        let mut segments = Vec::new();
-        let mut last: Option<(At<localize::FieldFrame>, [f32; 2])> = None;
+        let mut lines: Vec<Vec<[f32; 2]>> = Vec::new();
+        let mut last: Option<At<localize::FieldFrame>> = None;
         for &at in &self.marking_points {
             let pixel = camera.project(robot_from_field * at, view.tilt, prepared.as_ref());
-            if let (Some((before, from)), Some(to)) = (last, pixel)
-                && before.distance_to(at) < GAP_STEPS * MARKING_POINT_SPACING
-            {
-                segments.push([from, to]);
+            let continues = last
+                .is_some_and(|before| before.distance_to(at) < GAP_STEPS * MARKING_POINT_SPACING);
+            match (pixel, lines.last_mut()) {
+                (Some(pixel), Some(line)) if continues => line.push(pixel),
+                (Some(pixel), _) => lines.push(vec![pixel]),
+                (None, _) => {}
             }
-            last = pixel.map(|pixel| (at, pixel));
+            last = pixel.map(|_| at);
         }
-        segments
+        lines
     }
 }
 

@@ -85,6 +85,8 @@ pub(crate) struct TimeSeries {
     stride: usize,
     skipped: usize,
     last_time: Option<f64>,
+    /// Sum and number of the position errors of all cycles, metres.
+    errors: (f64, u64),
 }
 
 impl TimeSeries {
@@ -126,6 +128,11 @@ impl TimeSeries {
             sample.values[Quantity::CyclePeriod as usize] = ((sample.time - last) * 1e3) as f32;
         }
         self.last_time = Some(sample.time);
+        let error = sample.value(Quantity::PositionError);
+        if error.is_finite() {
+            self.errors.0 += f64::from(error);
+            self.errors.1 += 1;
+        }
         self.skipped += 1;
         if self.skipped < self.stride {
             return;
@@ -173,16 +180,10 @@ impl TimeSeries {
         })
     }
 
-    /// Mean position error over all samples with ground truth, metres.
+    /// Mean position error over all cycles with ground truth, metres.
     pub(crate) fn mean_error(&self) -> Option<f32> {
-        let errors = self
-            .samples
-            .iter()
-            .map(|s| s.value(Quantity::PositionError));
-        let (sum, count) = errors
-            .filter(|error| error.is_finite())
-            .fold((0.0, 0), |(sum, count), error| (sum + error, count + 1));
-        (count > 0).then(|| sum / count as f32)
+        let (sum, count) = self.errors;
+        (count > 0).then(|| (sum / count as f64) as f32)
     }
 }
 

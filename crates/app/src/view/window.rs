@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, bail};
 use eframe::egui;
+use rustix::time::ClockId;
 use serde::{Deserialize, Serialize};
 
 use super::layout::PanelLayout;
@@ -56,6 +57,8 @@ pub(crate) struct Outcome {
     /// Processor time of the window's thread for a frame: mean and longest after the first second.
     pub(crate) frame_cpu_ms: f64,
     pub(crate) longest_frame_cpu_ms: f64,
+    /// Processor time of all threads for a frame, after the first second: with a software renderer, its threads too.
+    pub(crate) frame_process_cpu_ms: f64,
     pub(crate) cycles: u64,
     pub(crate) dropped_cycles: u64,
     /// The last error.
@@ -151,9 +154,9 @@ fn restore_state(view: &mut View, storage: Option<&dyn eframe::Storage>, options
     }
 }
 
-/// Processor time that this thread has used.
-fn thread_cpu_time() -> Duration {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+/// Processor time that a clock counts: of this thread, or of the process.
+fn cpu_time(clock: ClockId) -> Duration {
+    let time = rustix::time::clock_gettime(clock);
     Duration::new(
         time.tv_sec.unsigned_abs(),
         time.tv_nsec.unsigned_abs() as u32,
@@ -174,7 +177,10 @@ impl eframe::App for ViewerApp {
         if let Some(seconds) = frame.info().cpu_usage {
             self.view.frame_rate.record_duration(seconds);
         }
-        self.view.frame_rate.record_cpu(thread_cpu_time());
+        let (thread, process) = (ClockId::ThreadCPUTime, ClockId::ProcessCPUTime);
+        self.view
+            .frame_rate
+            .record_cpu(cpu_time(thread), cpu_time(process));
         self.view.ui(ui);
         let ctx = ui.ctx();
         let elapsed = |seconds| self.opened.elapsed().as_secs_f64() > seconds;
@@ -199,6 +205,10 @@ impl eframe::App for ViewerApp {
         }
     }
 
+    fn raw_input_hook(&mut self, ctx: &egui::Context, input: &mut egui::RawInput) {
+        self.view.pointer.translate(ctx, input);
+    }
+
     fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
         visuals.panel_fill.to_normalized_gamma_f32()
     }
@@ -218,6 +228,7 @@ impl eframe::App for ViewerApp {
     fn on_exit(&mut self, _gl: Option<&eframe::glow::Context>) {
         let (frames, seconds) = self.view.frame_rate.totals();
         let (mean_cpu, longest_cpu) = self.view.frame_rate.frame_cpu();
+        let process_cpu = self.view.frame_rate.process_cpu();
         let devices = &self.view.session.devices;
         let outcome = Outcome {
             frames,
@@ -225,6 +236,7 @@ impl eframe::App for ViewerApp {
             frames_per_s: frames as f64 / seconds.max(1e-3),
             frame_cpu_ms: 1e3 * mean_cpu.as_secs_f64(),
             longest_frame_cpu_ms: 1e3 * longest_cpu.as_secs_f64(),
+            frame_process_cpu_ms: 1e3 * process_cpu.as_secs_f64(),
             longest_frame_ms: 1e3 * self.view.frame_rate.longest(),
             cycles: devices.cycles,
             dropped_cycles: devices.dropped,

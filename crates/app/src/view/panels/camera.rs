@@ -13,11 +13,13 @@ use vision::image::Image;
 
 use super::camera_drawing::{self, CameraCanvas};
 use super::camera_layers::CameraLayers;
+use super::carpet_boundary::CarpetBoundary;
 use super::projected_markings::ProjectedMarkings;
 use crate::view::birds_eye::BIRDS_EYE_SIDE_PX;
 use crate::view::brush::Tool;
 use crate::view::layer_worker::LayerSelection;
 use crate::view::panzoom::{PanZoom, ScreenTransform, fill_around};
+use crate::view::pen::Pen;
 use crate::view::pixel_info::PixelInfo;
 use crate::view::session::Session;
 use crate::view::source::decoded_cycle::rgb_image;
@@ -37,13 +39,14 @@ pub(crate) struct CameraPanel {
     pub(crate) layers: CameraLayers,
     /// Show the bird's-eye view instead of the camera image.
     pub(crate) birds_eye: bool,
-    pan_zoom: PanZoom,
+    pub(super) pan_zoom: PanZoom,
     image: Option<(Stamp, TextureHandle)>,
     classes: LayerTexture,
     scan_texture: LayerTexture,
     birds_eye_texture: LayerTexture,
     mask: LayerTexture,
     projected: ProjectedMarkings,
+    boundary: CarpetBoundary,
     /// Rendered mask, and the key of its inputs.
     mask_image: Option<(MaskKey, Arc<ColorImage>)>,
 }
@@ -86,6 +89,12 @@ impl CameraPanel {
         }
     }
 
+    /// The visible part of the picture.
+    #[cfg(test)]
+    pub(crate) fn pan_zoom(&self) -> PanZoom {
+        self.pan_zoom
+    }
+
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.switches(ui);
@@ -121,11 +130,12 @@ impl CameraPanel {
         } else {
             Rect::NOTHING
         };
-        fill_around(&painter, response.rect, covered, Color32::BLACK);
-        self.draw_layers(ui, &painter, session, cycle, (&transform, size));
-        self.draw_overlay(&painter, session, cycle, (transform, size));
+        let pen = Pen::new(painter);
+        fill_around(&pen, response.rect, covered, Color32::BLACK);
+        self.draw_layers(ui, pen.painter(), session, cycle, (&transform, size));
+        self.draw_overlay(&pen, session, cycle, (transform, size));
         if image.is_none() {
-            painter.text(
+            pen.text(
                 response.rect.center_top() + Vec2::new(0.0, 8.0),
                 Align2::CENTER_TOP,
                 missing_image_text(cycle),
@@ -141,7 +151,7 @@ impl CameraPanel {
             if painting {
                 let radius_px = f32::from(session.calibration.brush.radius_px);
                 let radius = (radius_px + 0.5) * transform.scale;
-                painter.circle_stroke(pointer, radius, (1.0, Color32::WHITE));
+                pen.circle(pointer, radius, (1.0, Color32::WHITE));
             }
             let at = transform.to_picture(pointer);
             let info = if self.birds_eye {
@@ -171,7 +181,7 @@ impl CameraPanel {
     /// Draws detections, projected lines and the selection.
     fn draw_overlay(
         &mut self,
-        painter: &egui::Painter,
+        pen: &Pen,
         session: &Session,
         cycle: &Cycle,
         (transform, size): (ScreenTransform, Vec2),
@@ -180,16 +190,19 @@ impl CameraPanel {
             if self.layers.field_lines && !self.birds_eye {
                 self.projected.update(scene, cycle);
             }
-            let visible = painter.clip_rect().intersect(transform.screen_rect(size));
-            let clipped = painter.with_clip_rect(visible);
+            if self.layers.carpet_end && !self.birds_eye {
+                self.boundary.update(scene, cycle);
+            }
+            let clipped = pen.clipped_to(transform.screen_rect(size));
             let canvas = CameraCanvas {
-                painter: if self.birds_eye { &clipped } else { painter },
+                pen: if self.birds_eye { &clipped } else { pen },
                 transform,
                 scene,
                 cycle,
                 layers: &self.layers,
                 projected: &self.projected,
-                label_rects: RefCell::default(),
+                boundary: &self.boundary,
+                labels: RefCell::default(),
                 virtual_sensors: session
                     .rendered_layers
                     .virtual_sensors

@@ -2,8 +2,9 @@
 
 use std::cell::RefCell;
 use std::f32::consts::TAU;
+use std::sync::Arc;
 
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Ui, Vec2};
+use eframe::egui::{Align2, Color32, FontId, Galley, Pos2, Rect, Stroke, Ui, Vec2};
 use localize::At;
 use localize::frames::RobotFrame;
 use localize::world::TeamColour;
@@ -12,11 +13,13 @@ use vision::lines::detection::RejectionReason;
 use vision::objects::goals::GoalKind;
 
 use super::camera_layers::CameraLayers;
+use super::carpet_boundary::CarpetBoundary;
 use super::field_marks::draw_selection;
 use super::projected_markings::ProjectedMarkings;
 use crate::view::birds_eye::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
+use crate::view::pen::Pen;
 use crate::view::selection::Selection;
 use crate::view::static_scene::StaticScene;
 use pipeline::Cycle;
@@ -32,15 +35,17 @@ const RAYS: usize = 12;
 
 /// Inputs of the drawing functions.
 pub(crate) struct CameraCanvas<'a> {
-    pub(crate) painter: &'a Painter,
+    pub(crate) pen: &'a Pen,
     pub(crate) transform: ScreenTransform,
     pub(crate) scene: &'a StaticScene,
     pub(crate) cycle: &'a Cycle,
     pub(crate) layers: &'a CameraLayers,
     /// The field's lines in the image of this cycle.
     pub(crate) projected: &'a ProjectedMarkings,
-    /// Where labels were drawn: another one moves aside.
-    pub(crate) label_rects: RefCell<Vec<Rect>>,
+    /// Where the carpet ends in it.
+    pub(crate) boundary: &'a CarpetBoundary,
+    /// Labels with their places, which are drawn last: another one moves aside.
+    pub(crate) labels: RefCell<Vec<(Rect, Arc<Galley>)>>,
     /// Names and windows of the virtual sensors.
     pub(crate) virtual_sensors: &'a [(&'static str, ImageRect)],
 }
@@ -71,7 +76,7 @@ impl CameraCanvas<'_> {
             self.project_to_screen(on_robot)
         };
         if let Some(at) = at {
-            draw_selection(self.painter, at);
+            draw_selection(self.pen, at);
         }
     }
 
@@ -85,51 +90,59 @@ impl CameraCanvas<'_> {
     }
 
     fn draw_plus(&self, at: Pos2, arm: f32, colour: Color32) {
-        let stroke = Stroke::new(1.6, colour);
-        let (right, down) = (Vec2::new(arm, 0.0), Vec2::new(0.0, arm));
-        self.painter.line_segment([at - right, at + right], stroke);
-        self.painter.line_segment([at - down, at + down], stroke);
+        self.pen.plus(at, arm, Stroke::new(1.6, colour));
     }
 
     fn draw_x(&self, at: Pos2, arm: f32, colour: Color32) {
-        let stroke = Stroke::new(1.2, colour);
-        for diagonal in [Vec2::new(arm, arm), Vec2::new(arm, -arm)] {
-            self.painter
-                .line_segment([at - diagonal, at + diagonal], stroke);
-        }
+        self.pen.diagonal_cross(at, arm, Stroke::new(1.2, colour));
     }
 
     fn label(&self, at: Pos2, text: String, colour: Color32) {
         let font = FontId::proportional(12.0);
         let place = at + Vec2::new(0.0, -10.0);
-        let galley = self.painter.layout_no_wrap(text, font, colour);
+        let galley = self.pen.layout(text, font, colour);
         let wanted = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
-        let mut drawn = self.label_rects.borrow_mut();
+        let mut drawn = self.labels.borrow_mut();
         let step = Vec2::new(0.0, wanted.height() + 3.0);
         // Above its place if that is free, else below, else farther away.
         let shifts = (0..LABEL_SHIFTS).flat_map(|times| [-times, times + 1]);
         let rect = shifts
             .map(|times| wanted.translate(f32::from(times) * step))
-            .find(|rect| !drawn.iter().any(|other| other.intersects(*rect)))
+            .find(|rect| !drawn.iter().any(|(other, _)| other.intersects(*rect)))
             .unwrap_or(wanted);
-        drawn.push(rect);
-        self.painter
-            .rect_filled(rect.expand(1.0), 2.0, Color32::from_black_alpha(150));
-        self.painter.galley(rect.min, galley, colour);
+        drawn.push((rect, galley));
+    }
+
+    /// Draws the labels over everything else.
+    fn draw_labels(&self) {
+        let labels = self.labels.take();
+        for (rect, _) in &labels {
+            self.pen
+                .rect(rect.expand(1.0), Color32::from_black_alpha(150));
+        }
+        let painter = self.pen.painter();
+        for (rect, galley) in labels {
+            painter.galley(rect.min, galley, Color32::WHITE);
+        }
     }
 }
 
 /// Draws the marks over the camera image.
 pub(crate) fn draw_image_overlay(canvas: &CameraCanvas<'_>) {
+    draw_image_marks(canvas);
+    canvas.draw_labels();
+}
+
+fn draw_image_marks(canvas: &CameraCanvas<'_>) {
     let layers = canvas.layers;
     if layers.grid {
         grid(canvas);
     }
     if layers.field_lines {
         let stroke = Stroke::new(1.4, palette::PROJECTED_LINE);
-        for [from, to] in canvas.projected.segments() {
-            let ends = [canvas.to_screen(*from), canvas.to_screen(*to)];
-            canvas.painter.line_segment(ends, stroke);
+        for line in canvas.projected.lines() {
+            let places = line.iter().map(|at| canvas.to_screen(*at));
+            canvas.pen.line(places, stroke);
         }
     }
     if layers.virtual_sensors {
@@ -147,7 +160,9 @@ pub(crate) fn draw_image_overlay(canvas: &CameraCanvas<'_>) {
         return;
     };
     if layers.carpet_end {
-        carpet_end(canvas, &detections.carpet_end);
+        for at in canvas.boundary.places() {
+            canvas.pen.disc(canvas.to_screen(*at), 1.8, palette::ORANGE);
+        }
     }
     if layers.rejected_candidates {
         for candidate in &detections.rejected_candidates {
@@ -168,13 +183,13 @@ pub(crate) fn draw_image_overlay(canvas: &CameraCanvas<'_>) {
 }
 
 fn objects(canvas: &CameraCanvas<'_>) {
-    let (layers, painter) = (canvas.layers, canvas.painter);
+    let (layers, pen) = (canvas.layers, canvas.pen);
     let Some(detections) = &canvas.cycle.detections else {
         return;
     };
     if let (true, Some(ball)) = (layers.ball, &detections.ball) {
         let at = canvas.to_screen(ball.position_px);
-        painter.circle_stroke(at, 9.0, (2.5, palette::BALL));
+        pen.circle(at, 9.0, (2.5, palette::BALL));
         let air = if ball.on_ground { "" } else { ", in the air" };
         let text = format!("ball {:.1} m{air}", ball.at.distance());
         canvas.label(at, text, palette::BALL);
@@ -183,12 +198,9 @@ fn objects(canvas: &CameraCanvas<'_>) {
         for robot in &detections.robots {
             let at = canvas.to_screen(robot.position_px);
             let half = Vec2::splat(7.0);
-            let square = eframe::egui::Rect::from_min_max(at - half, at + half);
-            painter.rect_stroke(
-                square,
-                1.0,
+            pen.rect_rim(
+                Rect::from_min_max(at - half, at + half),
                 (2.0, palette::ROBOT),
-                eframe::egui::StrokeKind::Middle,
             );
             let team = match robot.marker {
                 Some(TeamColour::Cyan) => " cyan",
@@ -215,6 +227,11 @@ fn objects(canvas: &CameraCanvas<'_>) {
 
 /// Draws the marks over the bird's-eye view.
 pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
+    draw_birds_eye_marks(canvas);
+    canvas.draw_labels();
+}
+
+fn draw_birds_eye_marks(canvas: &CameraCanvas<'_>) {
     let per_metre = BIRDS_EYE_SIDE_PX as f32 / (2.0 * BIRDS_EYE_HALF_EXTENT);
     let to_screen = |at: At<RobotFrame>| canvas.birds_eye_to_screen(at);
     let layers = canvas.layers;
@@ -222,9 +239,8 @@ pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
     if layers.grid {
         for ring in RINGS {
             let stroke = Stroke::new(1.0, palette::PROJECTED_LINE.gamma_multiply(0.6));
-            canvas
-                .painter
-                .circle_stroke(to_screen(At::new(0.0, 0.0)), ring * scale, stroke);
+            let centre = to_screen(At::new(0.0, 0.0));
+            canvas.pen.circle(centre, ring * scale, stroke);
             let at = to_screen(At::new(ring, 0.0));
             canvas.label(at, format!("{ring:.0} m"), palette::PROJECTED_LINE);
         }
@@ -234,7 +250,7 @@ pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
         let stroke = Stroke::new(1.4, palette::PROJECTED_LINE);
         for [from, to] in super::field_drawing::marking_segments(&canvas.scene.field) {
             let ends = [from, to].map(|at| to_screen(robot_from_field * at));
-            canvas.painter.line_segment(ends, stroke);
+            canvas.pen.segment(ends, stroke);
         }
     }
     if layers.line_points {
@@ -253,15 +269,13 @@ pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
         return;
     };
     if let (true, Some(ball)) = (layers.ball, &detections.ball) {
-        canvas
-            .painter
-            .circle_stroke(to_screen(ball.at), 0.11 * scale, (2.0, palette::BALL));
+        let stroke = (2.0, palette::BALL);
+        canvas.pen.circle(to_screen(ball.at), 0.11 * scale, stroke);
     }
     if layers.robots {
         for robot in &detections.robots {
-            canvas
-                .painter
-                .circle_stroke(to_screen(robot.at), 0.25 * scale, (2.0, palette::ROBOT));
+            let stroke = (2.0, palette::ROBOT);
+            canvas.pen.circle(to_screen(robot.at), 0.25 * scale, stroke);
         }
     }
 }
@@ -294,21 +308,18 @@ fn draw_virtual_sensors(canvas: &CameraCanvas<'_>) {
             [left + window.width_px, top + window.height_px],
         ];
         let [from, to] = corners.map(|[u, v]| canvas.transform.to_screen(u, v));
-        let rect = eframe::egui::Rect::from_two_pos(from, to);
+        let rect = Rect::from_two_pos(from, to);
         let (width, colour) = if active {
             (3.0, palette::YELLOW)
         } else {
             (1.2, palette::SKY)
         };
-        let kind = eframe::egui::StrokeKind::Middle;
-        canvas.painter.rect_stroke(rect, 0.0, (width, colour), kind);
-        canvas.painter.text(
-            rect.left_top(),
-            Align2::LEFT_BOTTOM,
-            *name,
-            FontId::proportional(11.0),
-            colour,
-        );
+        canvas.pen.rect_rim(rect, (width, colour));
+        let font = FontId::proportional(11.0);
+        let place = rect.left_top();
+        canvas
+            .pen
+            .text(place, Align2::LEFT_BOTTOM, *name, font, colour);
     }
 }
 
@@ -319,7 +330,7 @@ fn grid(canvas: &CameraCanvas<'_>) {
         for at in points {
             let here = canvas.project_to_screen(at);
             if let (Some(from), Some(to)) = (last, here) {
-                canvas.painter.add(Shape::line_segment([from, to], stroke));
+                canvas.pen.segment([from, to], stroke);
             }
             last = here;
         }
@@ -335,33 +346,6 @@ fn grid(canvas: &CameraCanvas<'_>) {
     for ray in 0..RAYS {
         let angle = TAU * ray as f32 / RAYS as f32;
         join(&mut (1..=20).map(|step| polar(0.4 * step as f32, angle)));
-    }
-}
-
-fn carpet_end(canvas: &CameraCanvas<'_>, ends: &[f32]) {
-    let Some(camera) = &canvas.scene.camera else {
-        return;
-    };
-    let [cu, cv] = camera.config.centre_px;
-    for (ray, &end) in ends.iter().enumerate() {
-        let angle = TAU * ray as f32 / ends.len() as f32;
-        // Outward from the mirror axis: the first pixel that shows ground beyond the boundary.
-        let (cos, sin) = (angle.cos(), angle.sin());
-        let rim = camera
-            .config
-            .outer_radius_px
-            .unwrap_or(camera.map.width_px as f32 / 2.0);
-        let boundary_px = (0..rim as usize).find_map(|step| {
-            let at = [cu + step as f32 * cos, cv - step as f32 * sin];
-            let inside = at[0] >= 0.0 && at[1] >= 0.0;
-            let ground = inside.then(|| camera.map.at(at[0] as usize, at[1] as usize))??;
-            (ground.distance() >= end).then_some(at)
-        });
-        if let Some(at) = boundary_px {
-            canvas
-                .painter
-                .circle_filled(canvas.to_screen(at), 1.8, palette::ORANGE);
-        }
     }
 }
 

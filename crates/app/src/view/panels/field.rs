@@ -3,77 +3,32 @@
 use std::sync::Arc;
 
 use eframe::egui::{
-    self, Align2, Color32, ColorImage, FontId, Pos2, Rect, Sense, Stroke, TextureHandle,
-    TextureOptions, Ui, Vec2,
+    self, Align2, Color32, ColorImage, FontId, Pos2, Rect, Sense, TextureHandle, TextureOptions,
+    Ui, Vec2,
 };
-use localize::{At, Pose};
-use serde::{Deserialize, Serialize};
+use localize::At;
 
+use super::field_contents::{FieldCanvas, status_text};
 use super::field_drag::FieldDrag;
 use super::field_drawing::{self as drawing, FieldTransform};
+use super::field_layers::{FieldBackground, FieldLayers};
 use super::field_marks;
 use crate::view::layer_worker::LayerSelection;
 use crate::view::palette;
 use crate::view::panzoom::{PanZoom, fill_around};
+use crate::view::pen::Pen;
 use crate::view::session::Session;
 use crate::view::static_scene::StaticScene;
-use pipeline::Cycle;
 
 /// Largest distance of a click from the object that it selects, points.
 const SELECT_RADIUS: f32 = 12.0;
-
-/// Background of the field.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub(crate) enum FieldBackground {
-    /// Plain carpet.
-    #[default]
-    Carpet,
-    /// Distance to the nearest marking.
-    DistanceField,
-    /// Mean distance of the cycle's line points to the markings, over assumed robot positions.
-    ErrorLandscape,
-}
-
-/// Visible layers.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub(crate) struct FieldLayers {
-    pub(crate) background: FieldBackground,
-    pub(crate) line_points: bool,
-    pub(crate) trail: bool,
-    pub(crate) truth: bool,
-    pub(crate) covariance: bool,
-    pub(crate) hypotheses: bool,
-    pub(crate) particles: bool,
-    pub(crate) objects: bool,
-    pub(crate) recomputed: bool,
-    /// Length of the trail, seconds.
-    pub(crate) trail_s: f64,
-}
-
-impl Default for FieldLayers {
-    fn default() -> Self {
-        FieldLayers {
-            background: FieldBackground::Carpet,
-            line_points: true,
-            trail: true,
-            truth: true,
-            covariance: true,
-            hypotheses: true,
-            particles: true,
-            objects: true,
-            recomputed: true,
-            trail_s: 10.0,
-        }
-    }
-}
 
 /// State of the panel.
 #[derive(Default)]
 pub(crate) struct FieldPanel {
     /// Visible layers.
     pub(crate) layers: FieldLayers,
-    pan_zoom: PanZoom,
+    pub(super) pan_zoom: PanZoom,
     drag: FieldDrag,
     layer: Option<(Arc<ColorImage>, TextureHandle)>,
 }
@@ -86,6 +41,12 @@ impl FieldPanel {
             error_landscape: self.layers.background == FieldBackground::ErrorLandscape,
             ..LayerSelection::default()
         }
+    }
+
+    /// The visible part of the field.
+    #[cfg(test)]
+    pub(crate) fn pan_zoom(&self) -> PanZoom {
+        self.pan_zoom
     }
 
     /// Draws the panel.
@@ -116,37 +77,43 @@ impl FieldPanel {
             session.select_at(screen.to_field(pointer), radius);
         }
         let session = &*session;
-        let painter = painter.with_clip_rect(response.rect);
+        let pen = Pen::new(painter.with_clip_rect(response.rect));
         let carpet = drawing::carpet_rect(&screen, &scene.field);
-        fill_around(&painter, response.rect, carpet, palette::FLOOR);
-        let has_layer = self.draw_background(ui, &painter, session, (&scene, &screen));
-        drawing::draw_field(&painter, &screen, &scene.field, !has_layer);
-        self.draw_trails(&painter, &screen, session);
+        fill_around(&pen, response.rect, carpet, palette::FLOOR);
+        let has_layer = self.draw_background(ui, pen.painter(), session, (&scene, &screen));
+        drawing::draw_field(&pen, &screen, &scene.field, !has_layer);
+        let canvas = FieldCanvas {
+            pen: &pen,
+            screen: &screen,
+            layers: &self.layers,
+            session,
+        };
+        canvas.draw_trails();
         if let Some(now) = &session.shown {
             // The landscape may be of an earlier cycle: what lies on it must be of the same one.
             let rendered = session.rendered_layers.cycle.as_ref();
             let landscape = has_layer && self.layers.background == FieldBackground::ErrorLandscape;
             let cycle = rendered.filter(|_| landscape).unwrap_or(&now.cycle);
-            self.draw_estimate(&painter, &screen, cycle, &now.particles);
-            self.draw_objects(&painter, &screen, cycle);
-            self.draw_tracks(&painter, &screen, cycle);
+            canvas.draw_estimate(cycle, &now.particles);
+            canvas.draw_objects(cycle);
+            canvas.draw_tracks(cycle);
         }
-        self.draw_other_runs(&painter, &screen, session);
+        canvas.draw_other_runs();
         if let Some(place) = session.selected_place() {
-            field_marks::draw_selection(&painter, screen.to_screen(place));
+            field_marks::draw_selection(&pen, screen.to_screen(place));
         }
         if let Some(hovered) = session.hovered_time {
-            field_marks::draw_hovered_moment(&painter, &screen, &session.series, hovered);
+            field_marks::draw_hovered_moment(&pen, &screen, &session.series, hovered);
         }
         if has_layer {
-            drawing::draw_distance_scale(&painter, response.rect);
+            drawing::draw_distance_scale(&pen, response.rect);
         }
-        field_marks::draw_scale(&painter, &screen, response.rect);
-        self.drag.draw_measurement(&painter, &screen);
-        painter.text(
+        field_marks::draw_scale(&pen, &screen, response.rect);
+        self.drag.draw_measurement(&pen, &screen);
+        pen.text(
             response.rect.left_top() + Vec2::new(6.0, 4.0),
             Align2::LEFT_TOP,
-            self.status_text(session),
+            status_text(session),
             FontId::proportional(13.0),
             Color32::WHITE,
         );
@@ -243,213 +210,4 @@ impl FieldPanel {
         painter.image(handle.id(), rect, uv, Color32::WHITE);
         true
     }
-
-    fn draw_trails(&self, painter: &egui::Painter, screen: &FieldTransform, session: &Session) {
-        if !self.layers.trail {
-            return;
-        }
-        let at = session.shown_time().unwrap_or(session.playback.time);
-        let recent = session.series.between(at - self.layers.trail_s, at);
-        // `between` returns one sample after `at`, which must not be drawn.
-        let past = recent.iter().filter(|sample| sample.time <= at);
-        if self.layers.truth {
-            let places = past.clone().map(|sample| sample.truth);
-            let stroke = Stroke::new(3.0, palette::TRUTH.gamma_multiply(0.7));
-            drawing::draw_trail(painter, screen, places, stroke);
-        }
-        let places = past.map(|sample| sample.pose);
-        drawing::draw_trail(painter, screen, places, Stroke::new(1.6, palette::ESTIMATE));
-        if let (true, Some(recompute)) = (self.layers.recomputed, &session.recompute) {
-            let recomputed = recompute.series.between(at - self.layers.trail_s, at);
-            let places = recomputed.iter().filter(|s| s.time <= at).map(|s| s.pose);
-            drawing::draw_trail(painter, screen, places, Stroke::new(1.6, palette::PURPLE));
-            if let Some(last) = recompute.series.at(at).filter(|s| s.pose[0].is_finite()) {
-                let pose = Pose::new(last.pose[0], last.pose[1], last.pose[2]);
-                drawing::draw_robot(painter, screen, pose, palette::PURPLE, 1.6);
-            }
-        }
-    }
-
-    /// Draws the estimate: particles, hypotheses, pose, velocity and covariance.
-    fn draw_estimate(
-        &self,
-        painter: &egui::Painter,
-        screen: &FieldTransform,
-        cycle: &Cycle,
-        particles: &[Pose],
-    ) {
-        let estimate = &cycle.estimate;
-        if self.layers.particles {
-            for particle in particles {
-                painter.circle_filled(screen.to_screen(particle.origin()), 1.5, palette::YELLOW);
-            }
-        }
-        if self.layers.hypotheses {
-            for other in &estimate.runners_up {
-                let colour = palette::PURPLE;
-                drawing::draw_robot(painter, screen, other.pose, colour, 1.2);
-                let text = format!("{:.0} %", 100.0 * other.probability);
-                drawing::draw_text(
-                    painter,
-                    screen.to_screen(other.pose.origin()),
-                    &text,
-                    colour,
-                );
-            }
-        }
-        let truth = cycle.inputs.truth.as_ref().filter(|_| self.layers.truth);
-        if let Some(truth) = truth {
-            drawing::draw_robot(painter, screen, truth.pose, palette::TRUTH, 3.0);
-        }
-        let Some(pose) = estimate.pose else {
-            return;
-        };
-        if self.layers.line_points {
-            for point in &cycle.line_points {
-                painter.circle_filled(screen.to_screen(pose * point.at), 1.8, palette::LINE_POINT);
-            }
-        }
-        drawing::draw_robot(painter, screen, pose, palette::ESTIMATE, 2.2);
-        if let Some([vx, vy]) = odometry_velocity(cycle) {
-            let (sin, cos) = pose.theta.sin_cos();
-            let along = [cos * vx - sin * vy, sin * vx + cos * vy];
-            drawing::draw_velocity(painter, screen, pose.origin(), along, palette::ESTIMATE);
-        }
-        if self.layers.covariance {
-            drawing::draw_covariance(
-                painter,
-                screen,
-                pose,
-                &estimate.covariance,
-                palette::ESTIMATE,
-            );
-        }
-    }
-
-    /// Draws ball and robots: ground truth as circles, detections as discs.
-    fn draw_objects(&self, painter: &egui::Painter, screen: &FieldTransform, cycle: &Cycle) {
-        if !self.layers.objects {
-            return;
-        }
-        let scale = screen.scale();
-        if let Some(truth) = cycle.inputs.truth.as_ref().filter(|_| self.layers.truth) {
-            for other in &truth.robots {
-                let radius = drawing::ROBOT_RADIUS * scale;
-                painter.circle_stroke(screen.to_screen(*other), radius, (1.5, palette::GREY));
-            }
-            if let Some(ball) = truth.ball {
-                let radius = (drawing::BALL_RADIUS * scale).max(4.0);
-                painter.circle_stroke(screen.to_screen(ball), radius, (1.5, palette::BALL));
-            }
-        }
-        let (Some(pose), Some(detections)) = (cycle.estimate.pose, &cycle.detections) else {
-            return;
-        };
-        for robot in &detections.robots {
-            let radius = (0.6 * drawing::ROBOT_RADIUS * scale).max(3.0);
-            painter.circle_filled(screen.to_screen(pose * robot.at), radius, palette::ROBOT);
-        }
-        if let Some(ball) = &detections.ball {
-            let radius = (drawing::BALL_RADIUS * scale).max(3.0);
-            painter.circle_filled(screen.to_screen(pose * ball.at), radius, palette::BALL);
-        }
-    }
-
-    /// Draws the tracked objects' velocities (length: one second), the team ball and the teammates.
-    fn draw_tracks(&self, painter: &egui::Painter, screen: &FieldTransform, cycle: &Cycle) {
-        if !self.layers.objects {
-            return;
-        }
-        for robot in cycle.world.robots.iter().filter_map(|robot| robot.on_field) {
-            drawing::draw_velocity(painter, screen, robot.at, robot.velocity, palette::ROBOT);
-        }
-        if let Some(ball) = cycle.world.ball.and_then(|ball| ball.on_field) {
-            drawing::draw_velocity(painter, screen, ball.at, ball.velocity, palette::BALL);
-        }
-        if let Some(flight) = cycle.world.ball_in_air.and_then(|ball| ball.on_field) {
-            let [x, y, height] = flight.at;
-            let at = screen.to_screen(At::new(x, y));
-            let text = format!("{height:.1} m up");
-            drawing::draw_text(painter, at, &text, palette::BALL);
-            if let Some(landing) = flight.landing {
-                let [x, y] = landing.at;
-                let end = screen.to_screen(At::new(x, y));
-                painter.line_segment([at, end], (1.0, palette::BALL));
-                painter.circle_stroke(end, 4.0, (1.0, palette::BALL));
-            }
-        }
-        if let Some(ball) = &cycle.team.ball {
-            let radius = (2.0 * drawing::BALL_RADIUS * screen.scale()).max(7.0);
-            painter.circle_stroke(screen.to_screen(ball.at), radius, (1.0, palette::BALL));
-        }
-        for mate in &cycle.team.teammates {
-            if let Some(pose) = mate.pose {
-                drawing::draw_robot(painter, screen, pose, palette::GREEN, 1.6);
-                let text = format!("{} ({:.1} s ago)", mate.robot, mate.age);
-                drawing::draw_text(
-                    painter,
-                    screen.to_screen(pose.origin()),
-                    &text,
-                    palette::GREEN,
-                );
-            }
-        }
-    }
-
-    /// Draws the poses and trails of the other runs.
-    fn draw_other_runs(&self, painter: &egui::Painter, screen: &FieldTransform, session: &Session) {
-        let at = session.shown_time().unwrap_or(session.playback.time);
-        let from = at
-            - if self.layers.trail {
-                self.layers.trail_s
-            } else {
-                0.0
-            };
-        let pose = session
-            .shown
-            .as_ref()
-            .and_then(|now| now.cycle.estimate.pose);
-        for (number, other) in session.others.iter().enumerate() {
-            let colour = palette::run_colour(number);
-            let recent = other.series.between(from, at);
-            let places = recent.iter().filter(|s| s.time <= at).map(|s| s.pose);
-            drawing::draw_trail(painter, screen, places, Stroke::new(1.6, colour));
-            if let Some(cycle) = &other.cycle {
-                field_marks::draw_other_run(painter, screen, (&other.name, colour), cycle, pose);
-            }
-        }
-    }
-
-    fn status_text(&self, session: &Session) -> String {
-        let Some(now) = &session.shown else {
-            return "no cycle yet".to_owned();
-        };
-        let estimate = &now.cycle.estimate;
-        let mut text = pipeline::log::mode_and_reason(estimate);
-        if let Some(pose) = estimate.pose {
-            let std = |axis: usize| 100.0 * estimate.covariance[(axis, axis)].max(0.0).sqrt();
-            text += &format!(
-                "\n{:.2} m, {:.2} m, {:.1}°   ± {:.1} cm, {:.1} cm, {:.1}°",
-                pose.x,
-                pose.y,
-                pose.theta.to_degrees(),
-                std(0),
-                std(1),
-                (std(2) / 100.0).to_degrees()
-            );
-            if let Some(truth) = &now.cycle.inputs.truth {
-                let error = pose.origin().distance_to(truth.pose.origin());
-                text += &format!("\nposition error {:.1} cm", 100.0 * error);
-            }
-        }
-        text
-    }
-}
-
-/// Velocity from the cycle's odometry, robot frame, m/s.
-fn odometry_velocity(cycle: &Cycle) -> Option<[f32; 2]> {
-    let (first, rest) = cycle.inputs.odometry.split_first()?;
-    let span = (rest.last()?.stamp - first.stamp) as f32;
-    let sum = |part: fn(&localize::sample::Odometry) -> f32| rest.iter().map(part).sum::<f32>();
-    (span > 0.0).then(|| [sum(|o| o.dx) / span, sum(|o| o.dy) / span])
 }

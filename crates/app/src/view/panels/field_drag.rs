@@ -1,10 +1,11 @@
 //! What does dragging on the field do? It moves an object of the view's own simulation, or measures a distance.
 
-use eframe::egui::{self, Color32, Response, Stroke, Ui};
+use eframe::egui::{Color32, Response, Stroke, Ui};
 use localize::frames::FieldFrame;
 use localize::{At, Pose};
 
 use super::field_drawing::{self as drawing, FieldTransform};
+use crate::view::pen::Pen;
 use crate::view::session::Session;
 use crate::view::source::sim_worker::SourceRequest;
 
@@ -118,12 +119,12 @@ impl FieldDrag {
         }
     }
 
-    pub(super) fn draw_measurement(&self, painter: &egui::Painter, screen: &FieldTransform) {
+    pub(super) fn draw_measurement(&self, pen: &Pen, screen: &FieldTransform) {
         if let (true, Some([from, to])) = (self.measuring, self.measurement) {
             let ends = [from, to].map(|at| screen.to_screen(at));
-            painter.line_segment(ends, Stroke::new(2.0, Color32::WHITE));
+            pen.segment(ends, Stroke::new(2.0, Color32::WHITE));
             let text = format!("{:.2} m", from.distance_to(to));
-            drawing::draw_text(painter, ends[1], &text, Color32::WHITE);
+            drawing::draw_text(pen, ends[1], &text, Color32::WHITE);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::f32::consts::TAU;
 
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Vec2};
+use eframe::egui::{Align2, Color32, FontId, Pos2, Rect, Stroke, Vec2};
 use localize::field::{Field, GoalColour, Marking};
 use localize::frames::FieldFrame;
 use localize::{At, Pose};
@@ -11,6 +11,7 @@ use nalgebra::{Matrix2, Matrix3, SymmetricEigen};
 use crate::view::layer_worker::{HEATMAP_MAX_DISTANCE, apply_colormap};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
+use crate::view::pen::Pen;
 
 /// Segments of a full circle.
 const ARC_STEPS: f32 = 72.0;
@@ -63,10 +64,6 @@ impl FieldTransform {
     pub(crate) fn scale(&self) -> f32 {
         self.transform.scale
     }
-
-    fn path(&self, painter: &Painter, points: Vec<Pos2>, stroke: Stroke) {
-        painter.add(Shape::line(points, stroke));
-    }
 }
 
 /// Segments of the markings' centre lines; arcs become chords, spots become crosses.
@@ -116,21 +113,16 @@ pub(crate) fn carpet_rect(screen: &FieldTransform, field: &Field) -> Rect {
 }
 
 /// Draws carpet, markings and goals. Pass false for `with_carpet` if a background layer is already drawn.
-pub(crate) fn draw_field(
-    painter: &Painter,
-    screen: &FieldTransform,
-    field: &Field,
-    with_carpet: bool,
-) {
+pub(crate) fn draw_field(pen: &Pen, screen: &FieldTransform, field: &Field, with_carpet: bool) {
     if with_carpet {
-        painter.rect_filled(carpet_rect(screen, field), 0.0, palette::CARPET);
+        pen.rect(carpet_rect(screen, field), palette::CARPET);
     }
     let width = (field.config.line_width * screen.scale()).max(1.0);
     let stroke = Stroke::new(width, palette::LINE);
     for marking in &field.markings {
         match *marking {
             Marking::Line { from, to } => {
-                painter.line_segment([screen.to_screen(from), screen.to_screen(to)], stroke);
+                pen.segment([screen.to_screen(from), screen.to_screen(to)], stroke);
             }
             Marking::Arc {
                 centre,
@@ -139,12 +131,11 @@ pub(crate) fn draw_field(
                 sweep,
             } => {
                 let points = arc(centre, radius, start, sweep);
-                let points = points.into_iter().map(|at| screen.to_screen(at)).collect();
-                screen.path(painter, points, stroke);
+                pen.line(points.into_iter().map(|at| screen.to_screen(at)), stroke);
             }
             Marking::Spot { centre, radius } => {
                 let radius = (radius * screen.scale()).max(1.0);
-                painter.circle_filled(screen.to_screen(centre), radius, palette::LINE);
+                pen.disc(screen.to_screen(centre), radius, palette::LINE);
             }
         }
     }
@@ -158,17 +149,15 @@ pub(crate) fn draw_field(
         let (front, half) = (side * field.config.length / 2.0, goal.width / 2.0);
         let back = front + side * goal.depth;
         let corners = [(front, half), (back, half), (back, -half), (front, -half)];
-        let points = corners
-            .map(|(x, y)| screen.to_screen(At::new(x, y)))
-            .to_vec();
+        let points = corners.map(|(x, y)| screen.to_screen(At::new(x, y)));
         let width = (goal.post * screen.scale()).max(2.0);
-        screen.path(painter, points, Stroke::new(width, colour));
+        pen.line(points, Stroke::new(width, colour));
     }
 }
 
 /// Draws a robot as a circle with a line along its heading.
 pub(crate) fn draw_robot(
-    painter: &Painter,
+    pen: &Pen,
     screen: &FieldTransform,
     pose: Pose,
     colour: Color32,
@@ -177,14 +166,14 @@ pub(crate) fn draw_robot(
     let stroke = Stroke::new(width, colour);
     let radius = (ROBOT_RADIUS * screen.scale()).max(5.0);
     let middle = screen.to_screen(pose.origin());
-    painter.circle_stroke(middle, radius, stroke);
+    pen.circle(middle, radius, stroke);
     let nose = Vec2::angled(-pose.theta) * radius * 1.7;
-    painter.line_segment([middle, middle + nose], stroke);
+    pen.segment([middle, middle + nose], stroke);
 }
 
 /// Draws the 95 % ellipse of the position, and two rays at ± 2.448 σ of the heading (98.6 %).
 pub(crate) fn draw_covariance(
-    painter: &Painter,
+    pen: &Pen,
     screen: &FieldTransform,
     pose: Pose,
     covariance: &Matrix3<f32>,
@@ -205,26 +194,26 @@ pub(crate) fn draw_covariance(
         eigen.eigenvectors.column(number) * length
     };
     let (first, second) = (axis(0), axis(1));
-    let points = (0..ELLIPSE_STEPS)
+    let points: Vec<Pos2> = (0..ELLIPSE_STEPS)
         .map(|step| {
             let (sin, cos) = (TAU * step as f32 / ELLIPSE_STEPS as f32).sin_cos();
             let off = first * cos + second * sin;
             screen.to_screen(At::new(pose.x + off[0], pose.y + off[1]))
         })
         .collect();
-    painter.add(Shape::closed_line(points, Stroke::new(1.5, colour)));
+    pen.ring(&points, Stroke::new(1.5, colour));
     let spread = SIGMAS_95_2D * covariance[(2, 2)].max(0.0).sqrt();
     let middle = screen.to_screen(pose.origin());
     for sign in [-1.0, 1.0] {
         let ray = Vec2::angled(-(pose.theta + sign * spread.min(TAU / 2.0)));
         let end = middle + ray * (1.0 * screen.scale()).max(20.0);
-        painter.line_segment([middle, end], Stroke::new(1.0, colour.gamma_multiply(0.6)));
+        pen.segment([middle, end], Stroke::new(1.0, colour.gamma_multiply(0.6)));
     }
 }
 
 /// Draws a velocity as an arrow; its length is the distance of one second.
 pub(crate) fn draw_velocity(
-    painter: &Painter,
+    pen: &Pen,
     screen: &FieldTransform,
     at: At<FieldFrame>,
     [vx, vy]: [f32; 2],
@@ -232,13 +221,13 @@ pub(crate) fn draw_velocity(
 ) {
     if vx.hypot(vy) > 0.1 {
         let along = Vec2::new(vx, -vy) * screen.scale();
-        painter.arrow(screen.to_screen(at), along, Stroke::new(1.5, colour));
+        pen.arrow(screen.to_screen(at), along, Stroke::new(1.5, colour));
     }
 }
 
 /// Draws a trail of poses; a jump of more than 1 m starts a new line.
 pub(crate) fn draw_trail(
-    painter: &Painter,
+    pen: &Pen,
     screen: &FieldTransform,
     places: impl Iterator<Item = [f32; 3]>,
     stroke: Stroke,
@@ -249,19 +238,19 @@ pub(crate) fn draw_trail(
         let is_known = place[0].is_finite();
         let jumps = last.is_some_and(|last| (last[0] - place[0]).hypot(last[1] - place[1]) > 1.0);
         if !is_known || jumps {
-            screen.path(painter, std::mem::take(&mut points), stroke);
+            pen.line(std::mem::take(&mut points), stroke);
         }
         if is_known {
             points.push(screen.to_screen(At::new(place[0], place[1])));
         }
         last = is_known.then_some(place);
     }
-    screen.path(painter, points, stroke);
+    pen.line(points, stroke);
 }
 
 /// Draws a text next to a position.
-pub(crate) fn draw_text(painter: &Painter, at: Pos2, text: &str, colour: Color32) {
-    painter.text(
+pub(crate) fn draw_text(pen: &Pen, at: Pos2, text: &str, colour: Color32) {
+    pen.text(
         at + Vec2::new(8.0, -8.0),
         Align2::LEFT_BOTTOM,
         text,
@@ -271,7 +260,7 @@ pub(crate) fn draw_text(painter: &Painter, at: Pos2, text: &str, colour: Color32
 }
 
 /// The colours of distance field and error landscape with their distances, in the lower right corner.
-pub(super) fn draw_distance_scale(painter: &Painter, area: Rect) {
+pub(super) fn draw_distance_scale(pen: &Pen, area: Rect) {
     const SIZE: Vec2 = Vec2::new(160.0, 10.0);
     const STEPS: u8 = 40;
     let bar = Rect::from_min_size(area.right_bottom() - SIZE - Vec2::new(16.0, 8.0), SIZE);
@@ -281,7 +270,7 @@ pub(super) fn draw_distance_scale(painter: &Painter, area: Rect) {
             bar.left() + from * SIZE.x..=bar.left() + to * SIZE.x,
             bar.y_range(),
         );
-        painter.rect_filled(part, 0.0, apply_colormap(from));
+        pen.rect(part, apply_colormap(from));
     }
     let far = format!("{HEATMAP_MAX_DISTANCE} m");
     for (place, anchor, text) in [
@@ -289,7 +278,7 @@ pub(super) fn draw_distance_scale(painter: &Painter, area: Rect) {
         (bar.center_top(), Align2::CENTER_BOTTOM, "distance"),
         (bar.right_top(), Align2::RIGHT_BOTTOM, &*far),
     ] {
-        painter.text(
+        pen.text(
             place,
             anchor,
             text,

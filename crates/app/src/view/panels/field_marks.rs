@@ -1,12 +1,13 @@
 //! Marks over the field: the selection, a hovered moment, other runs, the scale and the legend.
 
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, RichText, Stroke, Ui, Vec2};
+use eframe::egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Stroke, Ui, Vec2};
 use localize::Pose;
 use localize::frames::wrap_angle;
 use pipeline::Cycle;
 
 use super::field_drawing::{self as drawing, FieldTransform};
 use crate::view::palette;
+use crate::view::pen::Pen;
 use crate::view::time_series::TimeSeries;
 
 /// Lengths that the scale may have, metres.
@@ -15,14 +16,14 @@ const SCALE_LENGTHS: [f32; 7] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0];
 const SCALE_POINTS_MIN: f32 = 50.0;
 
 /// Rings the selected object.
-pub(super) fn draw_selection(painter: &Painter, at: Pos2) {
-    painter.circle_stroke(at, 13.0, Stroke::new(3.5, Color32::BLACK));
-    painter.circle_stroke(at, 13.0, Stroke::new(1.8, Color32::WHITE));
+pub(super) fn draw_selection(pen: &Pen, at: Pos2) {
+    pen.circle(at, 13.0, Stroke::new(3.5, Color32::BLACK));
+    pen.circle(at, 13.0, Stroke::new(1.8, Color32::WHITE));
 }
 
 /// Draws the pose at the time under the pointer of another panel.
 pub(super) fn draw_hovered_moment(
-    painter: &Painter,
+    pen: &Pen,
     screen: &FieldTransform,
     series: &TimeSeries,
     time: f64,
@@ -32,13 +33,13 @@ pub(super) fn draw_hovered_moment(
     };
     if x.is_finite() {
         let pose = Pose::new(x, y, theta);
-        drawing::draw_robot(painter, screen, pose, palette::YELLOW, 1.2);
+        drawing::draw_robot(pen, screen, pose, palette::YELLOW, 1.2);
     }
 }
 
 /// Draws pose and ball of another run, and its difference from the first one's `pose`.
 pub(super) fn draw_other_run(
-    painter: &Painter,
+    pen: &Pen,
     screen: &FieldTransform,
     (name, colour): (&str, Color32),
     cycle: &Cycle,
@@ -47,10 +48,10 @@ pub(super) fn draw_other_run(
     let Some(other) = cycle.estimate.pose else {
         return;
     };
-    drawing::draw_robot(painter, screen, other, colour, 2.0);
+    drawing::draw_robot(pen, screen, other, colour, 2.0);
     if let Some(ball) = cycle.detections.as_ref().and_then(|d| d.ball.as_ref()) {
         let radius = (drawing::BALL_RADIUS * screen.scale()).max(3.0);
-        painter.circle_stroke(screen.to_screen(other * ball.at), radius, (1.5, colour));
+        pen.circle(screen.to_screen(other * ball.at), radius, (1.5, colour));
     }
     let text = match pose {
         Some(pose) => format!(
@@ -60,11 +61,11 @@ pub(super) fn draw_other_run(
         ),
         None => name.to_owned(),
     };
-    drawing::draw_text(painter, screen.to_screen(other.origin()), &text, colour);
+    drawing::draw_text(pen, screen.to_screen(other.origin()), &text, colour);
 }
 
 /// Draws the axes of the field frame and a bar of a round length, in the lower left corner.
-pub(super) fn draw_scale(painter: &Painter, screen: &FieldTransform, area: Rect) {
+pub(super) fn draw_scale(pen: &Pen, screen: &FieldTransform, area: Rect) {
     let length = SCALE_LENGTHS
         .into_iter()
         .find(|length| length * screen.scale() >= SCALE_POINTS_MIN)
@@ -73,16 +74,16 @@ pub(super) fn draw_scale(painter: &Painter, screen: &FieldTransform, area: Rect)
     let origin = area.left_bottom() + Vec2::new(14.0, -12.0);
     let font = FontId::proportional(11.0);
     let right = Vec2::new(length * screen.scale(), 0.0);
-    painter.arrow(origin, right, stroke);
-    painter.arrow(origin, Vec2::new(0.0, -34.0), stroke);
-    painter.text(
+    pen.arrow(origin, right, stroke);
+    pen.arrow(origin, Vec2::new(0.0, -34.0), stroke);
+    pen.text(
         origin + right + Vec2::new(5.0, 0.0),
         Align2::LEFT_CENTER,
         format!("x  {length} m"),
         font.clone(),
         Color32::WHITE,
     );
-    painter.text(
+    pen.text(
         origin + Vec2::new(5.0, -34.0),
         Align2::LEFT_CENTER,
         "y",

@@ -4,10 +4,13 @@ pub(crate) mod calibration;
 pub(crate) mod camera;
 pub(crate) mod camera_drawing;
 pub(crate) mod camera_layers;
+mod carpet_boundary;
 pub(crate) mod details;
 pub(crate) mod field;
+mod field_contents;
 mod field_drag;
 pub(crate) mod field_drawing;
+pub(crate) mod field_layers;
 mod field_marks;
 pub(crate) mod findings;
 pub(crate) mod health;
@@ -18,13 +21,15 @@ pub(crate) mod scene;
 mod scene_camera;
 pub(crate) mod simulator;
 pub(crate) mod timeline;
+mod timeline_bar;
 
 use std::collections::BTreeMap;
 
-use eframe::egui::{Ui, WidgetText};
+use eframe::egui::{Ui, Vec2};
 use serde::{Deserialize, Serialize};
 
 use super::layer_worker::LayerSelection;
+use super::panel_command::PanelCommand;
 use super::session::Session;
 
 /// A panel in a tile: any panel can be open several times.
@@ -125,6 +130,8 @@ pub(crate) struct Panels {
     pub(crate) findings: findings::FindingsPanel,
     pub(crate) details: details::DetailsPanel,
     pub(crate) scene: scene::ScenePanel,
+    /// Points that a panel without a picture is to be scrolled by.
+    scroll: Option<(PanelId, Vec2)>,
     /// States of further panels of the same kinds, by the number of the copy.
     pub(crate) copies: BTreeMap<u32, Panels>,
 }
@@ -148,52 +155,46 @@ impl Panels {
     }
 }
 
-/// Draws the panels in their tiles.
-pub(crate) struct PaneBehavior<'a> {
-    pub(crate) session: &'a mut Session,
-    pub(crate) panels: &'a mut Panels,
-}
+/// Scrolled points of a key.
+const SCROLL_STEP: f32 = 60.0;
 
-impl egui_tiles::Behavior<PanelId> for PaneBehavior<'_> {
-    fn pane_ui(
-        &mut self,
-        ui: &mut Ui,
-        _tile: egui_tiles::TileId,
-        id: &mut PanelId,
-    ) -> egui_tiles::UiResponse {
-        let session = &mut *self.session;
-        let panels = self.panels.of_copy(id.copy);
-        eframe::egui::Frame::new()
-            .inner_margin(4)
-            .show(ui, |ui| match id.pane {
-                Pane::Camera => panels.camera.show(ui, session),
-                Pane::Field => panels.field.show(ui, session),
-                Pane::Plots => panels.plots.show(ui, session),
-                Pane::Timeline => panels.timeline.show(ui, session),
-                Pane::Simulator => panels.simulator.show(ui, session),
-                Pane::Calibration => panels.calibration.show(ui, session),
-                Pane::Parameters => panels.parameters.show(ui, session),
-                Pane::Health => health::show(ui, session),
-                Pane::Findings => panels.findings.show(ui, session),
-                Pane::Details => panels.details.show(ui, session),
-                Pane::Scene => panels.scene.show(ui, session),
-            });
-        egui_tiles::UiResponse::None
+impl Panels {
+    /// Draws a panel.
+    pub(crate) fn show(&mut self, ui: &mut Ui, id: PanelId, session: &mut Session) {
+        if let Some((_, delta)) = self.scroll.take_if(|(of, _)| *of == id) {
+            ui.scroll_with_delta(delta);
+        }
+        let panels = self.of_copy(id.copy);
+        match id.pane {
+            Pane::Camera => panels.camera.show(ui, session),
+            Pane::Field => panels.field.show(ui, session),
+            Pane::Plots => panels.plots.show(ui, session),
+            Pane::Timeline => panels.timeline.show(ui, session),
+            Pane::Simulator => panels.simulator.show(ui, session),
+            Pane::Calibration => panels.calibration.show(ui, session),
+            Pane::Parameters => panels.parameters.show(ui, session),
+            Pane::Health => health::show(ui, session),
+            Pane::Findings => panels.findings.show(ui, session),
+            Pane::Details => panels.details.show(ui, session),
+            Pane::Scene => panels.scene.show(ui, session),
+        }
     }
 
-    fn tab_title_for_pane(&mut self, pane: &PanelId) -> WidgetText {
-        pane.title().into()
-    }
-
-    fn is_tab_closable(&self, _: &egui_tiles::Tiles<PanelId>, _: egui_tiles::TileId) -> bool {
-        true
-    }
-
-    fn simplification_options(&self) -> egui_tiles::SimplificationOptions {
-        egui_tiles::SimplificationOptions {
-            // A single panel keeps its tab, so that it can be closed and dragged.
-            all_panes_must_have_tabs: true,
-            ..egui_tiles::SimplificationOptions::default()
+    /// Passes a command to a panel.
+    pub(crate) fn command(&mut self, id: PanelId, command: PanelCommand, session: &mut Session) {
+        let panels = self.of_copy(id.copy);
+        match (id.pane, command) {
+            (Pane::Camera, _) => panels.camera.pan_zoom.apply(command),
+            (Pane::Field, _) => panels.field.pan_zoom.apply(command),
+            (Pane::Scene, _) => panels.scene.apply(command),
+            (Pane::Timeline, _) => panels.timeline.apply(command, session),
+            // The plots themselves move along time only. Their list scrolls.
+            (Pane::Plots, PanelCommand::Pan([0.0, _])) => {}
+            (Pane::Plots, _) => return panels.plots.take_command(command, session),
+            _ => {}
+        }
+        if let PanelCommand::Pan(step) = command {
+            self.scroll = Some((id, -SCROLL_STEP * Vec2::from(step)));
         }
     }
 }

@@ -39,6 +39,12 @@ impl Default for ParametersPanel {
 }
 
 impl ParametersPanel {
+    /// Shows a setting alone.
+    pub(crate) fn find(&mut self, name: &str) {
+        name.clone_into(&mut self.filter);
+        self.only_changed = false;
+    }
+
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.actions(ui, session);

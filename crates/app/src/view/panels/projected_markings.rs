@@ -5,12 +5,12 @@ use pipeline::Cycle;
 
 use crate::view::static_scene::{StaticScene, View};
 
-/// Line segments of the markings, pixels.
+/// Lines of the markings, pixels.
 #[derive(Default)]
 pub(crate) struct ProjectedMarkings {
-    /// Cycle and scene of the segments.
+    /// Cycle and scene of the lines.
     of: Option<(Stamp, *const StaticScene)>,
-    segments: Vec<[[f32; 2]; 2]>,
+    lines: Vec<Vec<[f32; 2]>>,
 }
 
 impl ProjectedMarkings {
@@ -22,7 +22,7 @@ impl ProjectedMarkings {
         }
         self.of = of;
         let estimate = &cycle.estimate;
-        self.segments = estimate.pose.map_or(Vec::new(), |pose| {
+        self.lines = estimate.pose.map_or(Vec::new(), |pose| {
             scene.project_markings(View {
                 pose,
                 tilt: estimate.tilt,
@@ -31,8 +31,8 @@ impl ProjectedMarkings {
         });
     }
 
-    /// The segments of the last update.
-    pub(crate) fn segments(&self) -> &[[[f32; 2]; 2]] {
-        &self.segments
+    /// The lines of the last update.
+    pub(crate) fn lines(&self) -> &[Vec<[f32; 2]>] {
+        &self.lines
     }
 }

@@ -2,7 +2,7 @@
 
 use std::f32::consts::TAU;
 
-use eframe::egui::{Align2, Color32, FontId, Painter, Sense, Shape, Stroke, Ui, Vec2};
+use eframe::egui::{Align2, Color32, FontId, Sense, Shape, Stroke, Ui, Vec2};
 use localize::frames::{At, FieldFrame};
 use localize::{Field, Pose};
 use pipeline::Cycle;
@@ -10,6 +10,8 @@ use pipeline::Cycle;
 use super::field_drawing::{BALL_RADIUS, ROBOT_RADIUS, marking_segments};
 use super::scene_camera::{Point, Projection, SceneCamera};
 use crate::view::palette;
+use crate::view::panel_command::PanelCommand;
+use crate::view::pen::Pen;
 use crate::view::session::Session;
 
 /// Height of a robot, metres: the league's largest.
@@ -32,11 +34,22 @@ pub(crate) struct ScenePanel {
 }
 
 struct Canvas<'a> {
-    painter: &'a Painter,
+    pen: &'a Pen,
     projection: Projection,
 }
 
 impl ScenePanel {
+    /// Does what keys ask for: moving turns.
+    pub(super) fn apply(&mut self, command: PanelCommand) {
+        self.camera.apply(command);
+    }
+
+    /// The place from which the scene is seen.
+    #[cfg(test)]
+    pub(crate) fn camera(&self) -> String {
+        format!("{:?}", self.camera)
+    }
+
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &Session) {
         ui.horizontal_wrapped(|ui| {
@@ -55,10 +68,10 @@ impl ScenePanel {
         if let (true, Some(pose)) = (self.follow, pose) {
             self.camera.target = [pose.x, pose.y, 0.3];
         }
-        let painter = painter.with_clip_rect(response.rect);
-        painter.rect_filled(response.rect, 0.0, palette::FLOOR);
+        let pen = Pen::new(painter.with_clip_rect(response.rect));
+        pen.rect(response.rect, palette::FLOOR);
         let canvas = Canvas {
-            painter: &painter,
+            pen: &pen,
             projection: self.camera.projection(response.rect),
         };
         canvas.draw_field(&scene.field);
@@ -81,7 +94,7 @@ impl ScenePanel {
 impl Canvas<'_> {
     fn line(&self, from: Point, to: Point, stroke: Stroke) {
         if let Some(ends) = self.projection.segment(from, to) {
-            self.painter.line_segment(ends, stroke);
+            self.pen.segment(ends, stroke);
         }
     }
 
@@ -104,9 +117,9 @@ impl Canvas<'_> {
         let floor = [at[0], at[1], 0.0];
         self.line(floor, at, Stroke::new(1.0, colour.gamma_multiply(0.5)));
         if filled {
-            self.painter.circle_filled(place, radius, colour);
+            self.pen.disc(place, radius, colour);
         } else {
-            self.painter.circle_stroke(place, radius, (1.5, colour));
+            self.pen.circle(place, radius, (1.5, colour));
         }
     }
 
@@ -120,7 +133,7 @@ impl Canvas<'_> {
         // A corner behind the camera would need a clipped polygon: the lines alone are drawn then.
         if places.len() == corners.len() {
             let carpet = Shape::convex_polygon(places, palette::CARPET, Stroke::NONE);
-            self.painter.add(carpet);
+            self.pen.painter().add(carpet);
         }
         let stroke = Stroke::new(1.5, palette::LINE);
         for [from, to] in marking_segments(field) {
@@ -151,7 +164,7 @@ impl Canvas<'_> {
             self.line([0.0; 3], to, Stroke::new(1.0, Color32::WHITE));
             if let Some(at) = self.projection.point(to) {
                 let font = FontId::proportional(11.0);
-                self.painter
+                self.pen
                     .text(at, Align2::LEFT_BOTTOM, name, font, Color32::WHITE);
             }
         }
@@ -203,7 +216,7 @@ impl Canvas<'_> {
         }
         for point in &cycle.line_points {
             if let Some(at) = self.projection.point(floor(pose * point.at)) {
-                self.painter.circle_filled(at, 1.5, palette::LINE_POINT);
+                self.pen.disc(at, 1.5, palette::LINE_POINT);
             }
         }
         if let Some(detections) = &cycle.detections {

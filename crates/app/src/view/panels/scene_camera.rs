@@ -2,6 +2,8 @@
 
 use eframe::egui::{Pos2, Rect, Response, Ui, Vec2};
 
+use crate::view::panel_command::PanelCommand;
+
 /// Distance in front of the camera from which things are drawn, metres.
 const NEAR: f32 = 0.1;
 /// Limits of the camera's distance from the point that it looks at, metres.
@@ -10,6 +12,8 @@ const DISTANCE_RANGE: [f32; 2] = [0.5, 60.0];
 const ELEVATION_RANGE: [f32; 2] = [0.02, 1.57];
 /// Rotation of a drag, radians per point.
 const RADIANS_PER_POINT: f32 = 0.008;
+/// Rotation of a key, radians.
+const RADIANS_PER_KEY: f32 = 0.1;
 /// Scrolled points per factor of e.
 const SCROLL_POINTS_PER_E_FOLD: f32 = 300.0;
 /// Focal length as a share of the panel's smaller side.
@@ -65,17 +69,34 @@ impl SceneCamera {
             self.target[0] += -sin * right - cos * away;
             self.target[1] += cos * right - sin * away;
         } else if response.dragged() {
-            self.azimuth -= moved.x * RADIANS_PER_POINT;
-            self.elevation = (self.elevation + moved.y * RADIANS_PER_POINT)
-                .clamp(ELEVATION_RANGE[0], ELEVATION_RANGE[1]);
+            self.turn(RADIANS_PER_POINT * moved);
         }
         if response.hovered() && scrolled != 0.0 {
-            self.distance = (self.distance * (-scrolled / SCROLL_POINTS_PER_E_FOLD).exp())
-                .clamp(DISTANCE_RANGE[0], DISTANCE_RANGE[1]);
+            self.approach((scrolled / SCROLL_POINTS_PER_E_FOLD).exp());
         }
         if response.double_clicked() {
             *self = SceneCamera::default();
         }
+    }
+
+    /// Does what keys ask for: moving turns.
+    pub(super) fn apply(&mut self, command: PanelCommand) {
+        match command {
+            PanelCommand::Pan(step) => self.turn(-RADIANS_PER_KEY * Vec2::from(step)),
+            PanelCommand::Zoom(factor) => self.approach(factor),
+            PanelCommand::ShowAll => *self = SceneCamera::default(),
+        }
+    }
+
+    /// Turns the scene to the right and down, radians.
+    fn turn(&mut self, angles: Vec2) {
+        self.azimuth -= angles.x;
+        self.elevation = (self.elevation + angles.y).clamp(ELEVATION_RANGE[0], ELEVATION_RANGE[1]);
+    }
+
+    /// Divides the distance by a factor.
+    fn approach(&mut self, factor: f32) {
+        self.distance = (self.distance / factor).clamp(DISTANCE_RANGE[0], DISTANCE_RANGE[1]);
     }
 
     /// The projection onto a part of the screen.

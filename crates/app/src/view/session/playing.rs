@@ -118,6 +118,21 @@ impl Session {
         }
     }
 
+    /// Pauses and shows the next mark (`ahead`) or the previous one, if there is one.
+    pub(crate) fn next_mark(&mut self, ahead: bool) {
+        let now = self.playback.time;
+        let mut times = self.marks.iter().map(|mark| mark.time);
+        let found = if ahead {
+            times.find(|time| *time > now + STAMP_ROUNDING)
+        } else {
+            times.rfind(|time| *time < now - STAMP_ROUNDING)
+        };
+        if let Some(time) = found {
+            self.playback.playing = false;
+            self.seek(time);
+        }
+    }
+
     /// Pauses and shows the cycle of a stamp, seconds.
     pub(crate) fn seek_stamp(&mut self, stamp: f64) {
         self.playback.playing = false;

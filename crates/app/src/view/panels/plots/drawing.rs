@@ -5,16 +5,16 @@ use egui_plot::{
     AxisHints, Bar, BarChart, GridInput, GridMark, HLine, Line, LineStyle, Plot, PlotPoints,
     PlotUi, Points, Span, VLine,
 };
-use localize::estimate::Mode;
 
 use super::config::{PlotConfig, PlotKind};
+use super::drawn_line::DrawnLine;
+use super::mode_bands::ModeBands;
 use super::numbers::{self, short};
 use super::plotted_curve::{PlottedCurve, scale};
 use super::thinned::ThinnedPlot;
 use crate::view::curves::Curve;
 use crate::view::palette;
 use crate::view::session::Session;
-use crate::view::time_series::TimeSeries;
 
 /// Least height of a plot, points.
 pub(super) const PLOT_HEIGHT_MIN: f32 = 80.0;
@@ -28,6 +28,8 @@ const VALUE_LABEL_SPACING: std::ops::RangeInclusive<f32> = 8.0..=14.0;
 const MARKS_MAX: f64 = 1000.0;
 /// Scrolled points per zoom factor of e.
 const SCROLL_POINTS_PER_E_FOLD: f32 = 300.0;
+/// Width of a curve, points.
+const CURVE_WIDTH: f32 = 1.4;
 /// Shortest visible time, seconds.
 const RANGE_MIN: f64 = 0.05;
 
@@ -52,6 +54,8 @@ pub(super) struct PlotArea {
     pub(super) span: (f64, f64),
     pub(super) height: f32,
     pub(super) measured_from: Option<f64>,
+    /// Where the robot was not tracking.
+    pub(super) modes: ModeBands,
     pub(super) request: Option<Request>,
     /// Time under the pointer, seconds.
     pub(super) hovered: Option<f64>,
@@ -127,14 +131,15 @@ impl PlotArea {
             .show(ui, |plot| {
                 plot.set_plot_bounds_x(from..=to);
                 plot.set_plot_bounds_y(low..=high);
-                draw_modes(plot, &session.series, (from, to));
+                draw_modes(plot, &self.modes);
                 for threshold in &thinned.thresholds {
                     let line = HLine::new("threshold", *threshold).color(palette::VERMILION);
                     plot.hline(line.style(LineStyle::dashed_dense()).width(1.0));
                 }
                 for (one, (points, others)) in curves.iter().zip(&thinned.curves) {
                     let own = Line::new(one.name, PlotPoints::Borrowed(points));
-                    plot.line(own.color(one.colour).width(1.4));
+                    let own = own.color(one.colour);
+                    plot.add(DrawnLine::new(own, points, CURVE_WIDTH));
                     for ((run, _), points) in one.others.iter().zip(others) {
                         let name = format!("{}, {run}", one.name);
                         let line = Line::new(name, PlotPoints::Borrowed(points));
@@ -336,19 +341,10 @@ fn draw_time(plot: &mut PlotUi<'_>, time: f64, colour: Color32) {
 }
 
 /// Bands behind the curves where the robot was not tracking.
-fn draw_modes(plot: &mut PlotUi<'_>, series: &TimeSeries, (from, to): (f64, f64)) {
-    let samples = series.between(from, to);
-    for run in samples.chunk_by(|a, b| a.mode == b.mode) {
-        let (Some(first), Some(last)) = (run.first(), run.last()) else {
-            continue;
-        };
-        if first.mode == Mode::Tracking {
-            continue;
-        }
-        // Up to the next cycle, so that a single one is seen.
-        let end = series.after(last.time).map_or(last.time, |next| next.time);
-        let fill = palette::mode_colour(first.mode).gamma_multiply(0.25);
-        plot.span(Span::new("", first.time..=end).fill(fill));
+fn draw_modes(plot: &mut PlotUi<'_>, bands: &ModeBands) {
+    for (from, to, mode) in bands.all() {
+        let fill = palette::mode_colour(*mode).gamma_multiply(0.25);
+        plot.span(Span::new("", *from..=*to).fill(fill));
     }
 }
 

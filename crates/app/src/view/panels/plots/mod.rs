@@ -3,30 +3,37 @@
 mod config;
 mod csv;
 mod drawing;
+mod drawn_line;
+mod menus;
+mod mode_bands;
 mod numbers;
 mod plotted_curve;
 mod search;
 mod thinned;
 
-use eframe::egui::{self, Color32, RichText, Ui};
+use eframe::egui::{self, RichText, Ui};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use self::config::PlotConfig;
 use self::config::PlotKind;
 use self::csv::csv;
 use self::drawing::{PLOT_HEIGHT_MIN, PlotArea};
-use self::numbers::short;
+use self::menus::{Change, curve_menu, threshold_menu};
+use self::mode_bands::ModeBands;
 use self::plotted_curve::PlottedCurve;
 use self::search::search_curve;
 use self::thinned::ThinnedPlot;
 use crate::view::accessibility::AccessibleLabel;
 use crate::view::curves::catalogue::PlottedQuantity;
-use crate::view::curves::{Curve, CurveState, unit_of};
+use crate::view::curves::{Curve, unit_of};
 use crate::view::palette;
+use crate::view::panel_command::PanelCommand;
 use crate::view::session::Session;
 
 /// Height of a plot's line of names and values, points.
 const HEADER_HEIGHT: f32 = 26.0;
+/// Share of the visible time that a key moves by.
+const PAN_SHARE: f64 = 0.1;
 /// Shortest visible time of the keys, seconds.
 const TIME_MIN: f64 = 0.1;
 /// Names of the kinds, in menu order.
@@ -50,6 +57,8 @@ pub(crate) struct PlotsPanel {
     /// Time range that was dragged or zoomed to; it holds until a double click.
     #[serde(skip)]
     range: Option<(f64, f64)>,
+    #[serde(skip)]
+    modes: ModeBands,
     /// Start of the measured time, seconds.
     #[serde(skip)]
     measured_from: Option<f64>,
@@ -73,6 +82,7 @@ impl Default for PlotsPanel {
             thinned: Vec::new(),
             window_s: 0.0,
             range: None,
+            modes: ModeBands::default(),
             measured_from: None,
             search: String::new(),
             threshold: 0.0,
@@ -94,11 +104,14 @@ impl PlotsPanel {
             ui.weak("No run yet.");
             return;
         };
+        let range = self.visible_range(span, session.playback.time);
+        self.modes.update(&session.series, range);
         let mut area = PlotArea {
-            range: self.visible_range(span, session.playback.time),
+            range,
             span,
             height: self.plot_height(ui),
             measured_from: self.measured_from,
+            modes: std::mem::take(&mut self.modes),
             request: None,
             hovered: None,
         };
@@ -134,6 +147,7 @@ impl PlotsPanel {
             None => {}
         }
         session.hovered_time = area.hovered;
+        self.modes = area.modes;
     }
 
     fn toolbar(&mut self, ui: &mut Ui, session: &Session) {
@@ -254,6 +268,27 @@ impl PlotsPanel {
         self.range = (!whole).then_some((at - half, at + half));
     }
 
+    /// Does what keys ask for.
+    pub(crate) fn take_command(&mut self, command: PanelCommand, session: &Session) {
+        match command {
+            PanelCommand::Pan([steps, _]) => {
+                if let Some(span) = session.span() {
+                    let (from, to) = self.visible_range(span, session.playback.time);
+                    let moved = PAN_SHARE * f64::from(steps) * (to - from);
+                    self.range = Some((from + moved, to + moved));
+                }
+            }
+            PanelCommand::Zoom(factor) => self.scale_time(session, 1.0 / f64::from(factor)),
+            PanelCommand::ShowAll => (self.range, self.measured_from) = (None, None),
+        }
+    }
+
+    /// The time range that was chosen.
+    #[cfg(test)]
+    pub(crate) fn range(&self) -> Option<(f64, f64)> {
+        self.range
+    }
+
     /// The plots, for undo.
     pub(crate) fn plots(&self) -> &[PlotConfig] {
         &self.plots
@@ -312,65 +347,4 @@ fn plotted_curves<'a>(plot: &'a PlotConfig, session: &'a Session) -> Vec<Plotted
         })
     });
     curves.collect()
-}
-
-/// A change of a plot.
-enum Change {
-    Kind(PlotKind),
-    Logarithmic(bool),
-    AddCurve(String),
-    RemoveCurve(String),
-    AddThreshold(f64),
-    RemoveThreshold(f64),
-    RemovePlot,
-}
-
-/// A curve's name and value, which opens its menu.
-fn curve_menu(ui: &mut Ui, session: &Session, name: &str, colour: Color32) -> Option<Change> {
-    let at = session.hovered_time.unwrap_or(session.playback.time);
-    let curve = session.curve(name);
-    let value = curve.map_or(f64::NAN, |curve| curve.at(at));
-    let text = curve.and_then(|curve| curve.text(value).map(str::to_owned));
-    let value = text.unwrap_or_else(|| match (value.is_finite(), unit_of(name)) {
-        (true, unit) => format!("{} {unit}", short(value)).trim_end().to_owned(),
-        (false, _) => "-".to_owned(),
-    });
-    let state = session.curves.state(name);
-    let shown = match &state {
-        CurveState::Failed(reason) => format!("{name}: {reason}"),
-        _ => format!("{name} {value}"),
-    };
-    let shown = RichText::new(shown).color(colour).small();
-    let mut change = None;
-    ui.menu_button(shown, |ui| {
-        if ui.button("Remove the curve").clicked() {
-            change = Some(Change::RemoveCurve(name.to_owned()));
-        }
-        if ui.button("Copy the value").clicked() {
-            ui.ctx().copy_text(value);
-        }
-        if ui.button("Copy the name").clicked() {
-            ui.ctx().copy_text(name.to_owned());
-        }
-    });
-    if state == CurveState::Reading {
-        ui.spinner();
-    }
-    change
-}
-
-/// Adds and removes thresholds.
-fn threshold_menu(ui: &mut Ui, plot: &PlotConfig, value: &mut f64) -> Option<Change> {
-    let mut change = None;
-    ui.add(egui::DragValue::new(value).speed(0.1))
-        .with_accessible_label("value of the threshold");
-    if ui.button("Add").clicked() {
-        change = Some(Change::AddThreshold(*value));
-    }
-    for threshold in &plot.thresholds {
-        if ui.button(format!("Remove {}", short(*threshold))).clicked() {
-            change = Some(Change::RemoveThreshold(*threshold));
-        }
-    }
-    change
 }
