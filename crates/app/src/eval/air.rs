@@ -39,6 +39,8 @@ pub(crate) struct AirVariant {
     pub speed: Option<f64>,
     /// Does the apparent size measure the distance?
     pub sized: Option<bool>,
+    /// Time for which errors of tilt and pose last, seconds.
+    pub error_time: Option<f64>,
 }
 
 fn one() -> usize {
@@ -91,6 +93,7 @@ fn experiment(variant: &AirVariant) -> AirExperiment {
         outlier_share: variant.outlier_share.unwrap_or(default.outlier_share),
         speed: variant.speed.unwrap_or(default.speed),
         sized: variant.sized.unwrap_or(default.sized),
+        error_time: variant.error_time.unwrap_or(default.error_time),
     }
 }
 
@@ -128,6 +131,9 @@ fn metrics_of(variant: &str, method: &str, runs: &[AirScore]) -> Vec<Metric> {
         ),
     ];
     figures.retain(|figure| figure.value.is_some());
+    figures.extend(shares("errors within the 95 % ellipsoid, %", |run| {
+        (run.covered, run.errors)
+    }));
     figures.extend(shares("images in the air called so, %", |run| {
         (run.airborne_found, run.airborne)
     }));

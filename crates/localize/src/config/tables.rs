@@ -580,10 +580,10 @@ pub const WORLD_BOUNDS: &[Bound] = &[
     ),
     bound("flight.airborne_probability", 1.0e-6, 0.99, "a probability"),
     bound(
-        "flight.images_max",
-        6.0,
+        "flight.hypotheses_max",
+        4.0,
         60.0,
-        "a path needs six images, and many cost time",
+        "few paths miss impacts, and many cost time",
     ),
     bound("flight.gap_max", 0.01, 10.0, SECONDS),
     bound(
@@ -592,6 +592,7 @@ pub const WORLD_BOUNDS: &[Bound] = &[
         45.0,
         "no mounting is exact",
     ),
+    bound("flight.bearing_bias_time", 0.01, 1000.0, SECONDS),
     bound(
         "flight.outlier_sigmas",
         2.0,

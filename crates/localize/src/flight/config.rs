@@ -14,19 +14,22 @@ pub struct FlightConfig {
     pub drag: f32,
     /// Deceleration of a rolling ball, m/s².
     pub rolling_deceleration: f32,
-    /// Probability of an impact or a kick between two images.
+    /// Probability of an impact or a kick between two images at 30 images per second.
     pub change_probability: f32,
     /// Probability that the ball is in the air after an impact or a kick.
     pub airborne_probability: f32,
-    /// Most images of one path between two impacts. A larger value smooths longer paths and costs more time.
-    pub images_max: usize,
+    /// Most competing paths that are followed. A larger value costs more time after kicks and impacts.
+    pub hypotheses_max: usize,
     /// Time without a sighting after which the path is forgotten, seconds.
     pub gap_max: f32,
     /// Standard deviation of the errors that all rays of a robot share, degrees: tilt and mounting.
     pub bearing_bias_std_deg: f32,
+    /// Time for which these errors, and those of a robot's pose, last, seconds.
+    pub bearing_bias_time: f32,
     /// Error of a ray beyond which it is an outlier, standard deviations.
     pub outlier_sigmas: f32,
-    /// Time that rays of several robots may span, seconds. A larger value averages more and covers more impacts.
+    /// Time for which late rays of several robots are put in their place, and over which it is judged who is wrong,
+    /// seconds.
     pub team_window: f32,
     /// Standard deviation of the clocks of two robots, seconds.
     pub clock_std: f32,
@@ -42,9 +45,10 @@ impl Default for FlightConfig {
             // A change every two seconds at 30 images per second.
             change_probability: 0.02,
             airborne_probability: 0.2,
-            images_max: 24,
+            hypotheses_max: 12,
             gap_max: 0.5,
             bearing_bias_std_deg: 0.2,
+            bearing_bias_time: 0.7,
             outlier_sigmas: 5.0,
             team_window: 0.25,
             clock_std: 0.003,

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, SMatrix};
 
 use super::config::FlightConfig;
-use super::motion_fit::BallMotionState;
+use super::motion::BallMotionState;
 use crate::math;
 use crate::sensors::attitude::GRAVITY;
 

@@ -4,17 +4,20 @@
 //! acceleration. Several robots see it from several places (docs/methods.md 17).
 
 mod config;
+mod flight_tracker;
 mod landing;
-mod motion_fit;
+mod motion;
+mod path_filter;
+mod path_tracker;
 mod ray;
-mod segments;
+mod ray_rows;
 #[cfg(test)]
 mod tests;
 mod triangulation;
 
 pub use config::FlightConfig;
+pub use flight_tracker::{FlightTracker, TrackedFlight};
 pub use landing::{Landing, predict_landing};
-pub use motion_fit::{BallMotionMode, BallMotionState};
-pub use ray::{BallRay, ray_from_ground_point};
-pub use segments::{FlightTracker, TrackedFlight};
-pub use triangulation::{RobotRay, TriangulatedBall, triangulate};
+pub use motion::{BallMotionMode, BallMotionState};
+pub use ray::{BallRay, RobotRay, ray_from_ground_point};
+pub use triangulation::{TeamFlightTracker, TriangulatedBall};

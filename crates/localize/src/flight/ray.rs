@@ -22,6 +22,32 @@ pub struct BallRay {
     pub distance: Option<[f32; 2]>,
 }
 
+impl BallRay {
+    /// True if all numbers are finite and the standard deviations positive.
+    pub(super) fn is_valid(&self) -> bool {
+        let [x, y, z] = self.origin;
+        let numbers = [x, y, z, self.azimuth, self.elevation];
+        let stds = [self.azimuth_std, self.elevation_std];
+        let distance = self
+            .distance
+            .is_none_or(|[distance, std]| distance.is_finite() && std > 0.0 && std.is_finite());
+        numbers.iter().all(|value| value.is_finite())
+            && stds.iter().all(|std| *std > 0.0 && std.is_finite())
+            && distance
+    }
+}
+
+/// A ray of one of several robots, field frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotRay {
+    /// Number of the robot.
+    pub robot: u32,
+    /// The ray.
+    pub ray: BallRay,
+    /// Standard deviations of the robot's position, metres, and heading, radians.
+    pub pose_std: [f32; 2],
+}
+
 /// Azimuth and elevation of the ray to a ball whose contact point on the ground appears at (x, y) from a viewpoint above
 /// the origin at a height, and their standard deviations. None if it is too near for a direction.
 ///

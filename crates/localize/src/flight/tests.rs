@@ -158,17 +158,55 @@ fn three_robots_find_a_held_ball_and_the_one_that_errs() {
         }
         rays
     };
-    let config = FlightConfig::default();
-    let found = triangulate(&rays(None), &config).expect("a ball");
+    let triangulate = |rays: &[RobotRay]| {
+        let mut tracker = TeamFlightTracker::new(FlightConfig::default());
+        rays.iter().for_each(|ray| tracker.add(ray));
+        tracker.ball()
+    };
+    let found = triangulate(&rays(None)).expect("a ball");
     assert_eq!((found.inliers.len(), found.mode), (3, BallMotionMode::Held));
     for wrong in 0..3 {
-        let found = triangulate(&rays(Some(wrong)), &config).expect("a ball");
+        let found = triangulate(&rays(Some(wrong))).expect("a ball");
         assert_eq!(found.outliers, [wrong as u32 + 1]);
         for (axis, wanted) in ball.iter().enumerate() {
             assert!((found.state.state[axis] - wanted).abs() < 0.1, "{found:?}");
         }
     }
-    assert_eq!(triangulate(&rays(None)[..1], &config), None);
+    assert_eq!(triangulate(&rays(None)[..1]), None);
+}
+
+#[test]
+fn late_rays_give_the_same_ball_as_rays_in_order() {
+    let path = chip([1.5, -1.0, 0.11], [2.0, 3.0, 3.5], 12);
+    let origins = [[-2.0, -1.0, 0.8], [3.0, -2.0, 0.75], [0.0, 4.0, 0.8]];
+    let ray = |image: usize, robot: usize| RobotRay {
+        robot: robot as u32,
+        ray: ray_to(path[image], origins[robot], image as f64 / 30.0, [0.001; 2]),
+        pose_std: [0.03, 0.01],
+    };
+    let mut in_order = TeamFlightTracker::new(FlightConfig::default());
+    let mut late = in_order.clone();
+    for image in 0..path.len() {
+        for robot in 0..3 {
+            in_order.add(&ray(image, robot));
+        }
+        in_order.ball();
+        late.add(&ray(image, 0));
+        // The first image has no ray before it, so that later ones have a place.
+        for robot in 1..3 {
+            let behind = if image == 0 { 0 } else { 2 * robot };
+            if image == 0 || image > behind {
+                late.add(&ray(image - behind, robot));
+            }
+        }
+        late.ball();
+    }
+    for robot in 1..3 {
+        for behind in 0..2 * robot {
+            late.add(&ray(path.len() - 1 - behind, robot));
+        }
+    }
+    assert_eq!(in_order.ball(), late.ball());
 }
 
 #[test]

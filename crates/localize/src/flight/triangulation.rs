@@ -1,32 +1,21 @@
 //! Where do the rays of several robots meet, and whose ray does not?
 //!
-//! Each robot's rays share the errors of its pose, tilt and mounting, which are estimated with the ball's state. So a
-//! robot whose pose is uncertain counts little, and many rays of one robot do not pretend to be independent.
-
-use nalgebra::SMatrix;
+//! Each robot's rays share the errors of its pose, tilt and mounting, which are estimated with the ball's path. So a
+//! robot whose pose is uncertain counts little, and many rays of one robot do not pretend to be independent. Rays
+//! arrive late and out of order: the paths before each recent ray are kept, and a late ray is put in its place.
 
 use super::config::FlightConfig;
-use super::motion_fit::{BallMotionMode, BallMotionState, FitRay, MotionFit, fit_motion, mix};
-use super::ray::BallRay;
+use super::motion::{BallMotionMode, BallMotionState};
+use super::path_tracker::PathTracker;
+use super::ray::RobotRay;
 use crate::math;
-
-/// A ray of one of several robots, field frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RobotRay {
-    /// Number of the robot.
-    pub robot: u32,
-    /// The ray.
-    pub ray: BallRay,
-    /// Standard deviations of the robot's position, metres, and heading, radians.
-    pub pose_std: [f32; 2],
-}
 
 /// The ball that several robots see.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TriangulatedBall {
-    /// How it moves.
+    /// How it most probably moves.
     pub mode: BallMotionMode,
-    /// State of its centre at the newest ray's time, field frame.
+    /// Mean over all kinds of motion: state of its centre at the newest ray's time, field frame.
     pub state: BallMotionState,
     /// Numbers of the robots whose rays agree, sorted.
     pub inliers: Vec<u32>,
@@ -35,175 +24,250 @@ pub struct TriangulatedBall {
 }
 
 /// Kinds of motion with their prior probabilities.
-const MODES: [(BallMotionMode, f64); 3] = [
+const KINDS: [(BallMotionMode, f64); 3] = [
     (BallMotionMode::Ground, 0.6),
     (BallMotionMode::Flight, 0.3),
     (BallMotionMode::Held, 0.1),
 ];
-/// Probability below which the errors of consistent rays are not accepted, as standard deviations of the χ² distribution.
-const CONSISTENT_SIGMAS: f64 = 4.0;
 /// Most robots whose rays are combined.
 const ROBOTS_MAX: usize = 8;
-/// Typical speed of a fast ball, m/s: with the error of the clocks it displaces a ray.
-const SPEED_OF_CLOCK_ERRORS: f32 = 5.0;
+/// Most recent rays: eight robots at 30 images per second for a quarter of a second.
+const RAYS_MAX: usize = 64;
+/// Sum of the recent rays' surprises above which somebody may be wrong. A kick costs about 10.
+const SUSPICION: f64 = 25.0;
+/// The same sum above which rays that nobody can be blamed for give no ball.
+const DISAGREEMENT: f64 = 60.0;
+/// Probability that a robot's directions are wrong.
+const FAULT_PROBABILITY: f64 = 0.01;
+/// Mean squared normalized error below which a robot that was wrong is believed again (2 is expected).
+const REHABILITATION_NIS: f64 = 5.0;
+/// Rays that show it.
+const REHABILITATION_RAYS: usize = 3;
 
-/// Combines the rays of the last `team_window` seconds; None if fewer than two robots see the ball or all disagree.
-pub fn triangulate(rays: &[RobotRay], config: &FlightConfig) -> Option<TriangulatedBall> {
-    let newest = rays.iter().map(|ray| ray.ray.stamp).max()?;
-    let mut rays: Vec<RobotRay> = rays
-        .iter()
-        .filter(|ray| ray.ray.stamp.seconds_until(newest) <= f64::from(config.team_window))
-        .copied()
-        .collect();
-    rays.sort_by(|a, b| a.ray.stamp.cmp(&b.ray.stamp).then(a.robot.cmp(&b.robot)));
-    let mut robots: Vec<u32> = rays.iter().map(|ray| ray.robot).collect();
-    robots.sort_unstable();
-    robots.dedup();
-    robots.truncate(ROBOTS_MAX);
-    if robots.len() < 2 {
-        return None;
+/// Results after which it is judged again who is wrong.
+const FAULT_CHECK_INTERVAL: usize = 5;
+
+/// A recent ray with the paths before it.
+#[derive(Debug, Clone)]
+struct RecentRay {
+    ray: RobotRay,
+    before: PathTracker,
+    surprise: f64,
+    /// Squared normalized error of a ray of the robot that is left out.
+    left_out_nis: Option<f64>,
+}
+
+/// Follows the ball by the rays of several robots, field frame.
+#[derive(Debug, Clone)]
+pub struct TeamFlightTracker {
+    config: FlightConfig,
+    paths: PathTracker,
+    /// Sorted by time.
+    recent: Vec<RecentRay>,
+    /// Number of recent rays that `paths` contains.
+    done: usize,
+    /// Numbers of the robots in the order of their shared errors.
+    robots: Vec<u32>,
+    /// The robot whose directions are wrong.
+    left_out: Option<u32>,
+    /// Results since then.
+    images_with_fault: usize,
+}
+
+impl TeamFlightTracker {
+    /// A tracker that has seen nothing.
+    pub fn new(config: FlightConfig) -> Self {
+        TeamFlightTracker {
+            config,
+            paths: PathTracker::new(&KINDS),
+            recent: Vec::new(),
+            done: 0,
+            robots: Vec::new(),
+            left_out: None,
+            images_with_fault: 0,
+        }
     }
-    // An impact within the window fits no path: a shorter one has it behind it.
-    let windows = [1.0, 0.5].map(|part| {
-        let since = part * f64::from(config.team_window);
-        let recent = rays
+
+    fn reset(&mut self) {
+        *self = TeamFlightTracker::new(self.config.clone());
+    }
+
+    /// Adds a ray. One that is not finite, is of a robot too many, or is older than `team_window` is ignored.
+    pub fn add(&mut self, ray: &RobotRay) {
+        let valid = ray.pose_std.iter().all(|std| (0.0..1e3).contains(std));
+        if !(ray.ray.is_valid() && valid) {
+            return;
+        }
+        if let Some(newest) = self.recent.last() {
+            let gap = newest.ray.ray.stamp.seconds_until(ray.ray.stamp) as f32;
+            if gap.abs() > self.config.gap_max.max(self.config.team_window) {
+                self.reset();
+            } else if gap < -self.config.team_window {
+                return;
+            }
+        }
+        if !self.robots.contains(&ray.robot) {
+            if self.robots.len() == ROBOTS_MAX {
+                return;
+            }
+            self.robots.push(ray.robot);
+        }
+        let key = |ray: &RobotRay| (ray.ray.stamp, ray.robot);
+        let place = match self
+            .recent
+            .binary_search_by_key(&key(ray), |recent| key(&recent.ray))
+        {
+            Ok(_) => return,
+            Err(place) => place,
+        };
+        // Without the paths before it, a ray older than all others has no place.
+        if place == 0 && !self.recent.is_empty() && self.paths.stamp().is_some() {
+            return;
+        }
+        if place < self.done {
+            self.paths = self.recent[place].before.clone();
+            self.done = place;
+        }
+        self.recent.insert(
+            place,
+            RecentRay {
+                ray: *ray,
+                before: PathTracker::new(&[]),
+                surprise: 0.0,
+                left_out_nis: None,
+            },
+        );
+    }
+
+    /// The ball by all rays; None if fewer than two robots see it, or if they disagree and nobody can be blamed.
+    pub fn ball(&mut self) -> Option<TriangulatedBall> {
+        let newest = self.recent.last()?.ray.ray.stamp;
+        let pending = self.done < self.recent.len();
+        self.process();
+        let window = f64::from(self.config.team_window);
+        let old = self
+            .recent
+            .partition_point(|recent| recent.ray.ray.stamp.seconds_until(newest) > window);
+        let old = old.max(self.recent.len().saturating_sub(RAYS_MAX));
+        self.recent.drain(..old);
+        self.done -= old;
+        if pending {
+            self.rehabilitate();
+            self.images_with_fault = self.left_out.map_or(0, |_| self.images_with_fault + 1);
+            let due = self.images_with_fault % FAULT_CHECK_INTERVAL == 1;
+            if due || self.surprise() > SUSPICION {
+                self.find_fault();
+            }
+        }
+        let mut inliers = self.seeing();
+        let outliers: Vec<u32> = inliers
             .iter()
-            .filter(|ray| ray.ray.stamp.seconds_until(newest) <= since)
-            .copied();
-        recent.collect::<Vec<RobotRay>>()
-    });
-    for rays in &windows {
-        let all = fit_group(rays, &robots, config);
-        if let Some(group) = all.filter(|group| is_consistent(&group.fit, rays, config)) {
-            return Some(ball(&group, robots, Vec::new()));
+            .copied()
+            .filter(|&robot| Some(robot) == self.left_out)
+            .collect();
+        inliers.retain(|&robot| Some(robot) != self.left_out);
+        if inliers.len() < 2 || self.surprise() > DISAGREEMENT {
+            return None;
         }
-    }
-    if robots.len() < 3 {
-        return None;
-    }
-    // One robot is wrong: the one without which the others agree best.
-    for rays in &windows {
-        let without = robots.iter().filter_map(|&liar| {
-            let others = robots.iter().copied();
-            let rest: Vec<u32> = others.filter(|&robot| robot != liar).collect();
-            let left: Vec<RobotRay> = rays
-                .iter()
-                .filter(|ray| ray.robot != liar)
-                .copied()
-                .collect();
-            let group = fit_group(&left, &rest, config)?;
-            is_consistent(&group.fit, &left, config).then_some((group, rest, liar))
-        });
-        let best = without.max_by(|a, b| a.0.fit.log_evidence.total_cmp(&b.0.fit.log_evidence));
-        if let Some((group, rest, liar)) = best {
-            return Some(ball(&group, rest, vec![liar]));
-        }
-    }
-    None
-}
-
-/// The kinds of motion of a group of robots' rays.
-struct Group {
-    mode: BallMotionMode,
-    /// Of the most probable kind.
-    fit: MotionFit,
-    /// Mean over the kinds.
-    state: BallMotionState,
-}
-
-fn ball(group: &Group, inliers: Vec<u32>, outliers: Vec<u32>) -> TriangulatedBall {
-    TriangulatedBall {
-        mode: group.mode,
-        state: group.state,
-        inliers,
-        outliers,
-    }
-}
-
-/// The most probable kind of motion for a group of robots, and the state by all kinds. None if one robot is without rays.
-fn fit_group(rays: &[RobotRay], robots: &[u32], config: &FlightConfig) -> Option<Group> {
-    let sees = |robot: &u32| rays.iter().any(|ray| ray.robot == *robot);
-    if !robots.iter().all(sees) {
-        return None;
-    }
-    let start = meeting_point(rays)?;
-    let [x, y, z] = start;
-    let rays = fit_rays(rays, robots, start, config);
-    let fits: Vec<(f64, BallMotionMode, MotionFit)> = MODES
-        .into_iter()
-        .filter_map(|(mode, probability)| {
-            let fit = fit_motion(&rays, None, mode, Some([x, y, z, 0.0, 0.0, 0.0]), config)?;
-            Some((fit.log_evidence + math::ln(probability), mode, fit))
+        let (mode, _) = KINDS
+            .map(|(mode, _)| (mode, self.paths.probability(mode)))
+            .into_iter()
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(TriangulatedBall {
+            mode,
+            state: self.paths.state(None)?,
+            inliers,
+            outliers,
         })
-        .collect();
-    let &(_, mode, fit) = fits.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let states = fits
-        .iter()
-        .map(|(log_probability, _, fit)| (*log_probability, fit.state));
-    let state = mix(states)?;
-    Some(Group { mode, fit, state })
-}
+    }
 
-/// The rays with the shared errors of their robots, for a ball about `start`.
-fn fit_rays(
-    rays: &[RobotRay],
-    robots: &[u32],
-    start: [f64; 3],
-    config: &FlightConfig,
-) -> Vec<FitRay> {
-    let bias = config.bearing_bias_std_deg.to_radians();
-    rays.iter()
-        .filter_map(|ray| {
-            let robot = robots.iter().position(|&number| number == ray.robot)?;
-            let distance = {
-                let [x, y, z] = ray.ray.origin;
-                let level = math::hypot(start[0] as f32 - x, start[1] as f32 - y);
-                math::hypot(level, start[2] as f32 - z).max(0.5)
-            };
-            let [position, heading] = ray.pose_std;
-            // Along the ray an error of the position changes the elevation by its sine.
-            let foreshortened = math::sin(ray.ray.elevation) * position / distance;
-            let aside = position / distance;
-            let clock = SPEED_OF_CLOCK_ERRORS * config.clock_std / distance;
-            let sum = |parts: &[f32]| parts.iter().map(|part| part * part).sum::<f32>().sqrt();
-            Some(FitRay {
-                ray: ray.ray,
+    /// Numbers of the robots with recent rays, sorted.
+    fn seeing(&self) -> Vec<u32> {
+        let mut robots: Vec<u32> = self.recent.iter().map(|recent| recent.ray.robot).collect();
+        robots.sort_unstable();
+        robots.dedup();
+        robots
+    }
+
+    fn index(&self, robot: u32) -> usize {
+        let known = self.robots.iter().position(|&number| number == robot);
+        known.unwrap_or(0)
+    }
+
+    /// Adds the rays that the paths do not contain yet.
+    fn process(&mut self) {
+        while self.done < self.recent.len() {
+            let ray = self.recent[self.done].ray;
+            let robot = self.index(ray.robot);
+            let recent = &mut self.recent[self.done];
+            recent.before = self.paths.clone();
+            if Some(ray.robot) == self.left_out {
+                recent.surprise = 0.0;
+                recent.left_out_nis = self.paths.nis(&ray, robot, &self.config);
+            } else {
+                recent.surprise = self.paths.update(&ray, robot, &self.config).surprise;
+                recent.left_out_nis = None;
+            }
+            self.done += 1;
+        }
+    }
+
+    /// Sum of the recent rays' surprises.
+    fn surprise(&self) -> f64 {
+        self.recent.iter().map(|recent| recent.surprise).sum()
+    }
+
+    /// Believes a robot again whose rays agree with those of the others.
+    fn rehabilitate(&mut self) {
+        let errors = self.recent.iter().filter_map(|recent| recent.left_out_nis);
+        let (count, sum) = errors.fold((0, 0.0), |(count, sum), nis| (count + 1, sum + nis));
+        let agrees =
+            count >= REHABILITATION_RAYS && sum < REHABILITATION_NIS * f64::from(count as u32);
+        let absent = self
+            .left_out
+            .is_some_and(|robot| !self.seeing().contains(&robot));
+        if agrees || absent {
+            self.left_out = None;
+        }
+    }
+
+    /// Leaves out the robot without which the rays are most probable, if there is one.
+    fn find_fault(&mut self) {
+        let seeing = self.seeing();
+        if seeing.len() < 3 {
+            return;
+        }
+        let all = self.log_evidence(None);
+        let without = seeing.iter().map(|&robot| {
+            (
                 robot,
-                bias_std: [
-                    sum(&[bias, heading, aside, clock]),
-                    sum(&[bias, foreshortened, clock]),
-                ],
-            })
-        })
-        .collect()
-}
-
-/// The point nearest to all rays, regardless of time: a place to begin with.
-fn meeting_point(rays: &[RobotRay]) -> Option<[f64; 3]> {
-    let mut normal = SMatrix::<f64, 3, 3>::identity() * 1e-3;
-    let mut right = SMatrix::<f64, 3, 1>::zeros();
-    for RobotRay { ray, .. } in rays {
-        let (sin, cos) = math::sin_cos(f64::from(ray.azimuth));
-        let (up, level) = math::sin_cos(f64::from(ray.elevation));
-        let towards = SMatrix::<f64, 3, 1>::new(level * cos, level * sin, up);
-        let across = SMatrix::<f64, 3, 3>::identity() - towards * towards.transpose();
-        let [x, y, z] = ray.origin.map(f64::from);
-        normal += across;
-        right += across * SMatrix::<f64, 3, 1>::new(x, y, z);
+                self.log_evidence(Some(robot)) + math::ln(FAULT_PROBABILITY),
+            )
+        });
+        let best = without.max_by(|a, b| a.1.total_cmp(&b.1));
+        let fault = best.filter(|(_, log_evidence)| *log_evidence > all);
+        let fault = fault.map(|(robot, _)| robot);
+        if fault != self.left_out {
+            self.left_out = fault;
+            // The paths before this are those of wrong rays.
+            self.paths = PathTracker::new(&KINDS);
+            self.done = 0;
+            self.process();
+        }
     }
-    let point = normal.cholesky()?.solve(&right);
-    Some([point.x, point.y, point.z])
-}
 
-/// True if the errors are as large as stated: χ² with two degrees of freedom per ray.
-fn is_consistent(fit: &MotionFit, rays: &[RobotRay], config: &FlightConfig) -> bool {
-    let freedom = 2.0 * rays.len() as f64;
-    let outliers = rays.len() - fit.inliers;
-    // Outliers count by their number alone.
-    let limit = f64::from(config.outlier_sigmas);
-    let allowed = freedom + CONSISTENT_SIGMAS * (2.0 * freedom).sqrt();
-    fit.chi_squared + fit.shared_errors <= allowed + outliers as f64 * limit * limit
-        && 8 * outliers <= rays.len()
-        // The newest rays disagree after a kick.
-        && fit.new_outliers <= 1
+    /// Logarithm of the probability of the recent rays if a robot sees another ball than the others, or none.
+    fn log_evidence(&self, faulty: Option<u32>) -> f64 {
+        let (mut paths, mut other_paths) = (PathTracker::new(&KINDS), PathTracker::new(&KINDS));
+        let of_ray = |recent: &RecentRay| {
+            let robot = self.index(recent.ray.robot);
+            let paths = if Some(recent.ray.robot) == faulty {
+                &mut other_paths
+            } else {
+                &mut paths
+            };
+            paths.update(&recent.ray, robot, &self.config).log_density
+        };
+        self.recent.iter().map(of_ray).sum()
+    }
 }

@@ -68,7 +68,7 @@ impl TeamModel {
         TeamModel {
             config,
             reports: Vec::new(),
-            rays: TeamRays::default(),
+            rays: TeamRays::new(&FlightConfig::default()),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::estimate::Estimate;
 use crate::flight::{
-    BallMotionMode, BallRay, FlightConfig, RobotRay, predict_landing, triangulate,
+    BallMotionMode, BallRay, FlightConfig, RobotRay, TeamFlightTracker, predict_landing,
 };
 use crate::frames::{Pose, wrap_angle};
 use crate::math;
@@ -24,21 +24,24 @@ pub struct TeamBallInSpace {
     pub outliers: Vec<u32>,
 }
 
-/// Most rays that are kept: eight robots at 30 images per second for a quarter of a second.
-const RAYS_MAX: usize = 64;
-
 /// Rays of the last moments.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct TeamRays {
     config: FlightConfig,
-    rays: Vec<RobotRay>,
+    tracker: TeamFlightTracker,
+    /// Rays that are not added yet: a ray of the future is of another clock.
+    waiting: Vec<RobotRay>,
 }
+
+/// Most waiting rays.
+const WAITING_MAX: usize = 64;
 
 impl TeamRays {
     pub(super) fn new(config: &FlightConfig) -> Self {
         TeamRays {
             config: config.clone(),
-            rays: Vec::new(),
+            tracker: TeamFlightTracker::new(config.clone()),
+            waiting: Vec::new(),
         }
     }
 
@@ -78,9 +81,8 @@ impl TeamRays {
     }
 
     fn add(&mut self, robot: u32, ray: BallRay, pose_std: [f32; 2]) {
-        let finite = pose_std.iter().all(|std| std.is_finite() && *std >= 0.0);
-        if finite {
-            self.rays.push(RobotRay {
+        if self.waiting.len() < WAITING_MAX {
+            self.waiting.push(RobotRay {
                 robot,
                 ray,
                 pose_std,
@@ -91,13 +93,17 @@ impl TeamRays {
     /// The ball by the rays before an image.
     pub(super) fn triangulate(&mut self, stamp: Stamp) -> Option<TeamBallInSpace> {
         let window = f64::from(self.config.team_window);
-        // A ray of the future is of another clock.
-        self.rays
-            .retain(|ray| (-window..=2.0 * window).contains(&ray.ray.stamp.seconds_until(stamp)));
-        if self.rays.len() > RAYS_MAX {
-            self.rays.drain(..self.rays.len() - RAYS_MAX);
+        for ray in self.waiting.drain(..) {
+            let age = ray.ray.stamp.seconds_until(stamp);
+            if (-window..=2.0 * window).contains(&age) {
+                self.tracker.add(&ray);
+            }
         }
-        let ball = triangulate(&self.rays, &self.config)?;
+        let ball = self.tracker.ball()?;
+        // The last ball is no news.
+        if ball.state.stamp.seconds_until(stamp) > window {
+            return None;
+        }
         let landing = (ball.mode == BallMotionMode::Flight)
             .then(|| predict_landing(&ball.state, &self.config))
             .flatten();

@@ -560,6 +560,7 @@ pub const RENAMED_KEYS: &[(&str, &str)] = &[
     ("world.speed_max", "world.own_speed_max"),
     ("world.lean_std_deg", "world.tilt_std_deg"),
     ("world.flight_share", "world.airborne_range_share"),
+    ("world.flight.images_max", "world.flight.hypotheses_max"),
     ("world.ball.wander", "world.ball.acceleration_noise"),
     ("world.ball.speed_std", "world.ball.initial_speed_std"),
     ("world.ball.detection", "world.ball.detection_probability"),
