@@ -90,10 +90,11 @@ fn main() {
         );
         if score.blind_nees > 0.0 {
             println!(
-                "    blind: nees {:.2}, within 3 sigma {:.1} %, end {:.2} cm, leap {:.1} cm",
+                "    blind: nees {:.2}, within 3 sigma {:.1} %, end {:.2} cm rms, {:.2} mean, leap {:.1} cm",
                 score.blind_nees,
                 100.0 * score.blind_within_3_sigma,
                 100.0 * score.blind_end_error,
+                100.0 * score.blind_end_mean,
                 100.0 * score.reacquisition_error_max
             );
         }
@@ -141,6 +142,9 @@ fn main() {
         print("blind 2 s of 8, 2 % noise", run(&drive));
         drive.wheels.white_share = 0.08;
         print("the same, 8 % noise", run(&drive));
+        drive = RoughDriveConfig::blind_with_unequal_wheels();
+        drive.wheels.known = true;
+        print("2 %, known base", run(&drive));
         drive = base.clone();
         drive.blind = Some((40.0, 30.0));
         for preset in ["default", "minho2016", "nubot2013"] {

@@ -135,6 +135,15 @@ impl OmniKinematics {
         twist.scaled(share)
     }
 
+    /// For each wheel: the part of a motion (x, y, θ) that this wheel's rolling contributes to the motion measured. Their sum
+    /// is the identity.
+    pub fn motion_by_wheel(&self) -> impl Iterator<Item = Matrix3<f32>> + '_ {
+        self.robot_from_wheel
+            .iter()
+            .zip(&self.wheel_from_robot)
+            .map(|(column, row)| Matrix3::from_fn(|i, j| column[i] * row[j]))
+    }
+
     /// Force (N along x and y) and torque (N m) on the robot from the forces of the wheels' rims on the ground (N).
     pub fn wrench(&self, rim_forces: impl Iterator<Item = f32>) -> [f32; 3] {
         let mut sum = [0.0_f32; 3];

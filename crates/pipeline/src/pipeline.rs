@@ -129,6 +129,10 @@ impl Pipeline {
         let (mut localizer, notice) = build_localizer(setup, localize);
         localizer.set_map_basis(basis);
         localizer.set_map_origin_std(origin_std);
+        if let Some(base) = &setup.robot.base {
+            let calibration = setup.robot.odometry.map(|odometry| odometry.matrix);
+            localizer.set_wheels(&base.kinematics()?, calibration.as_ref());
+        }
         Ok(Pipeline {
             vision: detector,
             interlace,

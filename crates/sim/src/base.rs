@@ -39,14 +39,9 @@ struct Wheel {
 impl SimBase {
     /// A base at rest (docs/methods.md 7.1). Fails for wheels that cannot drive in every direction.
     pub fn new(config: &BaseConfig, wheel_errors: &WheelConfig) -> Result<Self, OmniError> {
-        let angles: Vec<f32> = config
-            .wheel_angles_deg
-            .iter()
-            .map(|angle_deg| angle_deg.to_radians())
-            .collect();
-        let omni = OmniKinematics::new(&angles, config.wheel_radius, config.wheel_distance)?;
+        let omni = config.kinematics()?;
         let last = wheel_errors.radius_scale.len().saturating_sub(1);
-        let wheels = (0..angles.len())
+        let wheels = (0..omni.wheel_count())
             .map(|index| Wheel {
                 radius_scale: wheel_errors
                     .radius_scale
@@ -57,7 +52,7 @@ impl SimBase {
                 counted: 0,
             })
             .collect();
-        let weight_each = config.mass * GRAVITY / angles.len() as f32;
+        let weight_each = config.mass * GRAVITY / omni.wheel_count() as f32;
         Ok(SimBase {
             omni,
             wheels,

@@ -3,7 +3,6 @@
 use anyhow::{Context, Result};
 use hw::camera::Encoding;
 use localize::Stamp;
-use localize::omni::OmniKinematics;
 use localize::robot::ExposureSetting;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -60,12 +59,7 @@ impl VirtualDevices {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make {}", folder.display()))?;
         let base = sim.robot().base.clone().unwrap_or_default();
-        let angles: Vec<f32> = base
-            .wheel_angles_deg
-            .iter()
-            .map(|angle| angle.to_radians())
-            .collect();
-        let omni = OmniKinematics::new(&angles, base.wheel_radius, base.wheel_distance)?;
+        let omni = base.kinematics()?;
         let encoding = match options.format {
             "YUYV" => Encoding::Yuyv,
             _ => Encoding::Rgb8,

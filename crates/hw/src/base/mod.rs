@@ -11,7 +11,6 @@ use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use localize::Stamp;
-use localize::omni::OmniKinematics;
 use localize::robot::BaseConfig;
 
 pub use command_buffer::{Kick, MotionCommand};
@@ -65,16 +64,10 @@ impl BaseDriver {
         queue: &EventQueue,
     ) -> Result<Self, HwError> {
         device.check()?;
-        let angles: Vec<f32> = wheels
-            .wheel_angles_deg
-            .iter()
-            .map(|a| a.to_radians())
-            .collect();
-        let omni = OmniKinematics::new(&angles, wheels.wheel_radius, wheels.wheel_distance)
-            .map_err(|error| HwError::Config {
-                key: "base.wheel_angles_deg",
-                reason: error.to_string(),
-            })?;
+        let omni = wheels.kinematics().map_err(|error| HwError::Config {
+            key: "base.wheel_angles_deg",
+            reason: error.to_string(),
+        })?;
         let count = omni.wheel_count();
         for (key, entries, expected) in [
             ("base.wheel_angles_deg", count, count.min(4)),

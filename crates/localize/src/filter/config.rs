@@ -45,7 +45,7 @@ pub struct FilterConfig {
     /// Initial standard deviation of the couplings between the wheels' x, y and θ (wheels of unequal radius, a forward
     /// direction that is off), as a share at 0.25 m from the centre. 0 estimates scales alone.
     pub odometry_coupling_std: f32,
-    /// Random walk of the scales, per square root of a second (carpet direction, wear, load).
+    /// Random walk of the scales, per square root of a second (carpet direction, wear, load); couplings in proportion.
     pub odometry_scale_drift: f32,
     /// Initial standard deviation of the logarithm of each wheel noise variance (docs/methods.md 8.8): 0.8 stands for a
     /// factor of 1.5 in the noise. 0 keeps the configured noise.

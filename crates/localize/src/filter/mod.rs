@@ -25,6 +25,7 @@ use crate::omni::{Twist, UNCORRECTED_MOTION};
 use curvature::CurvatureFilter;
 use decentralised::DecentralisedFilter;
 use joint::JointFilter;
+pub use joint::OdometryPrior;
 use pose_gaussian::{PoseMeasurement, PosePosterior};
 
 /// Estimate of pose and motion with its covariance.
@@ -59,6 +60,7 @@ impl PoseFilter {
         covariance: &Matrix3<f32>,
         previous: Option<&PoseFilter>,
         config: &FilterConfig,
+        odometry_prior: &OdometryPrior,
     ) -> Self {
         match config.kind {
             FilterKind::Joint => {
@@ -66,7 +68,13 @@ impl PoseFilter {
                     PoseFilter::Joint(joint) => Some(joint),
                     PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => None,
                 });
-                PoseFilter::Joint(JointFilter::new(pose, covariance, previous, config))
+                PoseFilter::Joint(JointFilter::new(
+                    pose,
+                    covariance,
+                    previous,
+                    config,
+                    odometry_prior,
+                ))
             }
             FilterKind::Decentralised => {
                 PoseFilter::Decentralised(DecentralisedFilter::new(pose, covariance, config))

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use crate::field::goal_colours::ColouredGoals;
-use crate::filter::{FilterConfig, PoseFilter, TiltPrior};
+use crate::filter::{FilterConfig, OdometryPrior, PoseFilter, TiltPrior};
 use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, Hypothesis, half_turn};
 use crate::matching::distance_field::DistanceField;
@@ -128,6 +128,7 @@ impl Candidates {
         measurements: &ImageMeasurements,
         found: &[Hypothesis],
         config: &FilterConfig,
+        odometry_prior: &OdometryPrior,
     ) {
         for candidate in &mut self.candidates {
             candidate.update(matcher, search, measurements, config);
@@ -152,7 +153,7 @@ impl Candidates {
                 .evaluate(measurements.distances, measurements.points, pose)
                 .cost;
             self.candidates.push(Candidate {
-                filter: PoseFilter::new(pose, &hypothesis.covariance, None, config),
+                filter: PoseFilter::new(pose, &hypothesis.covariance, None, config, odometry_prior),
                 hypothesis: hypothesis.clone(),
                 images: 1,
                 log_weight: initial_log_weight

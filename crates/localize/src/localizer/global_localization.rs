@@ -70,6 +70,7 @@ impl Localizer {
             &measurements,
             &found,
             &self.config.filter,
+            &self.odometry_prior,
         );
         let estimate = self.candidate_estimate(stamp, &candidates, fold_half_turn);
         let Some((estimate, (filter, best))) = estimate.zip(candidates.best()) else {

@@ -29,7 +29,7 @@ use crate::config::{LocalizeConfig, Tracker};
 use crate::estimate::{Estimate, Reason};
 use crate::field::Field;
 use crate::field::goal_colours::ColouredGoals;
-use crate::filter::{PoseFilter, TiltPrior};
+use crate::filter::{OdometryPrior, PoseFilter, TiltPrior};
 use crate::frames::Pose;
 use crate::global_search::branch_and_bound::BranchAndBound;
 use crate::global_search::scan_map::ScanMap;
@@ -37,7 +37,7 @@ use crate::global_search::{GlobalSearch, GlobalSearchMethod};
 use crate::map_correction::MapCorrection;
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
-use crate::omni::Twist;
+use crate::omni::{OmniKinematics, Twist};
 use crate::sample::{Compass, GoalObservation, LinePoint};
 use crate::stamp::Stamp;
 
@@ -128,6 +128,7 @@ pub struct Localizer {
     map_correction: Option<Box<MapCorrection>>,
     /// Standard deviation of the map's origin from the robot's centre, per axis, metres.
     map_origin_std: f32,
+    odometry_prior: OdometryPrior,
     /// Consecutive images that fit nowhere on the field.
     lost_images: u32,
 }
@@ -184,6 +185,7 @@ impl Localizer {
         let mut localizer = Localizer {
             map_correction: None,
             map_origin_std: 0.0,
+            odometry_prior: OdometryPrior::of_any_base(&config.filter),
             lost_images: 0,
             matcher: Matcher::new(config.matching.clone()),
             distance_field: distances,
@@ -252,6 +254,12 @@ impl Localizer {
         self.state.track().map(|track| track.half_evidence.state())
     }
 
+    /// Tells which wheels measure the odometry, and the matrix by which their motion was multiplied, if any: which errors
+    /// it may have follows from them. Holds for poses found from now on.
+    pub fn set_wheels(&mut self, wheels: &OmniKinematics, calibration: Option<&[[f32; 3]; 3]>) {
+        self.odometry_prior = OdometryPrior::of_wheels(&self.config.filter, wheels, calibration);
+    }
+
     /// True while several hypotheses explain the images, so that no single pose describes what is known.
     pub fn has_several_hypotheses(&self) -> bool {
         matches!(self.state, State::Ambiguous(_))
@@ -266,7 +274,13 @@ impl Localizer {
         half: HalfState,
     ) {
         self.lose_pose();
-        let filter = PoseFilter::new(pose, covariance, None, &self.config.filter);
+        let filter = PoseFilter::new(
+            pose,
+            covariance,
+            None,
+            &self.config.filter,
+            &self.odometry_prior,
+        );
         let half_evidence = HalfEvidence::from_state(half);
         self.start_tracking(stamp, filter, half_evidence);
         self.filter_stamp = stamp;

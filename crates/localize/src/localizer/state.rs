@@ -119,12 +119,18 @@ mod tests {
     use nalgebra::Matrix3;
 
     use super::*;
-    use crate::filter::FilterConfig;
+    use crate::filter::{FilterConfig, OdometryPrior};
     use crate::frames::Pose;
 
     fn filter(x: f32) -> PoseFilter {
         let config = FilterConfig::default();
-        PoseFilter::new(Pose::new(x, 0.0, 0.0), &Matrix3::identity(), None, &config)
+        PoseFilter::new(
+            Pose::new(x, 0.0, 0.0),
+            &Matrix3::identity(),
+            None,
+            &config,
+            &OdometryPrior::default(),
+        )
     }
 
     #[test]

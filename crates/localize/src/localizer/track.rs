@@ -409,6 +409,7 @@ impl Localizer {
             &better.covariance,
             Some(&track.filter),
             &self.config.filter,
+            &self.odometry_prior,
         );
         self.suspect_alternative(track, suspicion, alternative);
         let reason = Some(Reason::BetterAlternative);

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::omni::{OmniError, OmniKinematics};
 use crate::sensors::compass_calibration::CompassCalibration;
 use crate::toml_file::{self, TomlFileError};
 use crate::toml_location::key_location;
@@ -106,6 +107,18 @@ pub struct BaseConfig {
     pub speed_max: f32,
     /// Largest acceleration by the motors, m/s².
     pub acceleration_max: f32,
+}
+
+impl BaseConfig {
+    /// Kinematics of the wheels. Fails for wheels that cannot drive in every direction.
+    pub fn kinematics(&self) -> Result<OmniKinematics, OmniError> {
+        let angles: Vec<f32> = self
+            .wheel_angles_deg
+            .iter()
+            .map(|angle_deg| angle_deg.to_radians())
+            .collect();
+        OmniKinematics::new(&angles, self.wheel_radius, self.wheel_distance)
+    }
 }
 
 impl Default for BaseConfig {
@@ -394,7 +407,9 @@ impl BaseConfig {
         ] {
             check_positive(key, value)?;
         }
-        Ok(())
+        self.kinematics()
+            .map(drop)
+            .map_err(|error| ("base.wheel_angles_deg", error.to_string()))
     }
 }
 

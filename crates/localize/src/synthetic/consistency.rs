@@ -6,7 +6,7 @@ use rand::rngs::Xoshiro256PlusPlus;
 use rand::{RngExt, SeedableRng};
 use serde::Serialize;
 
-use super::rough_drive::{RoughDrive, RoughDriveConfig, RoughSample};
+use super::rough_drive::{RoughDrive, RoughDriveConfig, RoughSample, wheels_as_described};
 use crate::config::LocalizeConfig;
 use crate::estimate::{Estimate, Mode};
 use crate::field::Field;
@@ -32,6 +32,8 @@ pub struct ConsistencyScore {
     pub blind_within_3_sigma: f64,
     /// Root mean square position error of the last image of each blind interval, metres.
     pub blind_end_error: f64,
+    /// Its mean.
+    pub blind_end_mean: f64,
     /// Largest position error within five images after each blind interval, metres.
     pub reacquisition_error_max: f64,
     /// Images without a pose.
@@ -69,7 +71,10 @@ pub fn evaluate_consistency(
     seconds: f64,
 ) -> ConsistencyScore {
     let mut sums = Sums::default();
-    let base = Localizer::new(field, config.clone());
+    let mut base = Localizer::new(field, config.clone());
+    if let (true, Ok(wheels)) = (drive.wheels.known, wheels_as_described()) {
+        base.set_wheels(&wheels, None);
+    }
     for seed in seeds {
         let mut localizer = base.clone();
         let rng = Xoshiro256PlusPlus::seed_from_u64(seed.wrapping_add(7_000_000));
@@ -147,6 +152,7 @@ impl Sums {
             if ends_blind {
                 self.blind_ends += 1;
                 score.blind_end_error += position * position;
+                score.blind_end_mean += position;
             }
         }
     }
@@ -184,6 +190,7 @@ impl Sums {
         score.blind_nees = per(score.blind_nees, self.blind);
         score.blind_within_3_sigma = per(self.blind_within as f64, self.blind);
         score.blind_end_error = per(score.blind_end_error, self.blind_ends).sqrt();
+        score.blind_end_mean = per(score.blind_end_mean, self.blind_ends);
         score
     }
 }

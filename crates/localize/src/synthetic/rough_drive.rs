@@ -11,6 +11,7 @@ use crate::field::Field;
 use crate::field::ray::intersect_ray;
 use crate::frames::{At, Pose, wrap_angle};
 use crate::math;
+use crate::omni::{OmniError, OmniKinematics};
 use crate::random::standard_normal;
 use crate::sample::{Compass, LinePoint, Odometry};
 use crate::stamp::Stamp;
@@ -30,6 +31,8 @@ pub struct WheelErrors {
     pub white_heading: f64,
     /// Error with a correlation time of 0.5 s, share of the motion.
     pub slow_share: f64,
+    /// Is the localizer told where the wheels are?
+    pub known: bool,
 }
 
 /// Errors of the camera and of the line points.
@@ -92,6 +95,7 @@ impl Default for RoughDriveConfig {
                 white_position: 0.001,
                 white_heading: 0.001,
                 slow_share: 0.0,
+                known: false,
             },
             points: PointErrors {
                 rays: 120,
@@ -136,6 +140,7 @@ impl RoughDriveConfig {
                 white_position: 0.0005,
                 white_heading: 0.0005,
                 slow_share: 0.0,
+                known: false,
             },
             blind: Some((8.0, 2.0)),
             dazzled_outlier_share: 0.87,
@@ -472,6 +477,12 @@ impl<R: Rng> Iterator for RoughDrive<R> {
             blind_for: self.blind_images as f64 / self.config.frame_rate,
         })
     }
+}
+
+/// The wheels as the robot's file describes them.
+pub(super) fn wheels_as_described() -> Result<OmniKinematics, OmniError> {
+    let angles = [1.0, 3.0, 5.0].map(|thirds| thirds * std::f32::consts::FRAC_PI_3);
+    OmniKinematics::new(&angles, 0.05, BASE_RADIUS as f32)
 }
 
 /// The motion that a base with these wheels reports under the assumption of equal radii.

@@ -1,6 +1,7 @@
 //! What do the sensors measure on a disturbance? A simulated drive without images, with line points sampled at true poses.
 
 use localize::frames::{At, Pose, wrap_angle};
+use localize::omni::OmniKinematics;
 use localize::random::standard_normal;
 use localize::robot::RobotConfig;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
@@ -62,6 +63,8 @@ pub(super) struct RecordedDrive {
     /// Times of the pushes.
     pub(super) push_stamps: Vec<Stamp>,
     pub(super) start: Pose,
+    /// The wheels as the robot file describes them.
+    pub(super) wheels: Option<OmniKinematics>,
 }
 
 struct TruthState {
@@ -82,6 +85,7 @@ pub(super) fn record_drive(
     rng.set_stream(77);
     let scenario = scenario(disturbance, seed, duration, field, &mut rng);
     let mut robot = robot.clone();
+    let wheels = robot.base.as_ref().and_then(|base| base.kinematics().ok());
     if matches!(disturbance, Disturbance::Slip | Disturbance::All)
         && let Some(base) = &mut robot.base
     {
@@ -119,6 +123,7 @@ pub(super) fn record_drive(
         inputs,
         push_stamps,
         start,
+        wheels,
     })
 }
 

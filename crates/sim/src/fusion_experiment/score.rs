@@ -177,6 +177,9 @@ pub(super) fn run_localizer(
     sums: &mut ScoreSums,
 ) {
     let mut localizer = Localizer::new(field, config);
+    if let Some(wheels) = &drive.wheels {
+        localizer.set_wheels(wheels, None);
+    }
     let wheels = !matches!(estimator, Estimator::Vision | Estimator::NoOdometry);
     let inertial = !matches!(estimator, Estimator::Vision | Estimator::NoImu);
     let mut last = None;

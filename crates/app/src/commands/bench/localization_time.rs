@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use anyhow::Result;
-use localize::flight::{BallRay, FlightConfig, FlightTracker, RobotRay, triangulate};
+use localize::flight::{BallRay, FlightConfig, FlightTracker, RobotRay, TeamFlightTracker};
 use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior};
 use localize::global_search::hough::Hough;
 use localize::global_search::monte_carlo::MonteCarlo;
@@ -130,23 +130,22 @@ fn measure_flight(figures: &mut Figures) {
         [0.0, 4.0, 0.8],
         [1.0, -4.0, 0.8],
     ];
-    let rays: Vec<RobotRay> = (20..28)
-        .flat_map(|image| {
-            let of_robot = move |(robot, origin)| RobotRay {
-                robot: robot as u32,
-                ray: ray(image, origin),
-                pose_std: [0.03, 0.01],
-            };
-            // Team-mates report every second image.
-            origins
-                .into_iter()
-                .enumerate()
-                .filter(move |(robot, _)| *robot == 0 || image % 2 == 0)
-                .map(of_robot)
-        })
-        .collect();
+    let mut tracker = TeamFlightTracker::new(config);
+    let mut image = 0;
     figures.time_calls("ball_rays_of_team", "<= 0.05", 3000, || {
-        black_box(triangulate(&rays, &config));
+        image += 1;
+        for (robot, origin) in origins.into_iter().enumerate() {
+            // Team-mates report every second image, one image late.
+            let late = i64::from(robot > 0);
+            if robot == 0 || (image + robot as i64) % 2 == 0 {
+                tracker.add(&RobotRay {
+                    robot: robot as u32,
+                    ray: ray(image - late, origin),
+                    pose_std: [0.03, 0.01],
+                });
+            }
+        }
+        black_box(tracker.ball());
     });
 }
 

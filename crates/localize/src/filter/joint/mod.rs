@@ -35,6 +35,7 @@ use crate::frames::{Pose, wrap_angle};
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
+pub use odometry_correction::OdometryPrior;
 use state::{
     ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, POSE, ROW_STRIDE,
     STATES, State, TILT, TWIST, YAW_RATE,
@@ -55,6 +56,7 @@ pub struct JointFilter {
     imu_active: bool,
     /// Robot frame, m/s².
     smoothed_acceleration: [f32; 2],
+    odometry_prior: OdometryPrior,
     wheel_noise: WheelNoiseEstimate,
     collision: CollisionDetector,
 }
@@ -66,6 +68,7 @@ impl JointFilter {
         covariance: &Matrix3<f32>,
         previous: Option<&JointFilter>,
         config: &FilterConfig,
+        odometry_prior: &OdometryPrior,
     ) -> Self {
         let mut state = [0.0; STATES];
         let mut variances = [0.0; STATES];
@@ -89,7 +92,7 @@ impl JointFilter {
         for (k, variance) in variances.into_iter().enumerate() {
             full[k][k] = variance;
         }
-        odometry_correction::initialize(&mut state, &mut full, config);
+        odometry_correction::initialize(&mut state, &mut full, odometry_prior);
         let mut wheel_noise = WheelNoiseEstimate::new(config);
         if let Some(previous) = previous {
             wheel_noise = previous.wheel_noise.without_derivatives();
@@ -120,6 +123,7 @@ impl JointFilter {
             wheel_interval: 0.0,
             imu_active: false,
             smoothed_acceleration: [0.0; 2],
+            odometry_prior: odometry_prior.clone(),
             wheel_noise,
             collision: CollisionDetector::default(),
         }

@@ -1,7 +1,6 @@
 //! Process noise Q of the joint filter (docs/methods.md 8.4).
 
 use super::JointFilter;
-use super::odometry_correction::{entry, entry_scale};
 use super::predict::{ImuStep, PlanarStep};
 use super::state::{
     ACCELEROMETER_BIAS, GYRO_BIAS, POSE, SLIP, TILT, TWIST, WHEEL_INCREMENT, YAW_RATE,
@@ -168,12 +167,9 @@ impl JointFilter {
         if !(config.odometry_scale_std > 0.0) {
             return;
         }
-        for i in 0..3 {
-            for j in 0..3 {
-                let drift = config.odometry_scale_drift * entry_scale(i, j);
-                self.inflate_variance(entry(i, j), drift * drift * dt);
-            }
-        }
+        let share = config.odometry_scale_drift / config.odometry_scale_std;
+        self.odometry_prior
+            .add_to(&mut self.covariance, share * share * dt);
     }
 
     /// Without an inertial unit the tilt's variance relaxes to that of a standing robot.

@@ -10,7 +10,16 @@ fn stationary_filter() -> (JointFilter, FilterConfig) {
     let config = FilterConfig::default();
     let covariance = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-5));
     let origin = Pose::new(0.0, 0.0, 0.0);
-    (JointFilter::new(origin, &covariance, None, &config), config)
+    (
+        JointFilter::new(
+            origin,
+            &covariance,
+            None,
+            &config,
+            &OdometryPrior::of_any_base(&config),
+        ),
+        config,
+    )
 }
 
 /// One step of `DT`: specific force and rate of the inertial unit, velocity of the wheels.
