@@ -113,12 +113,11 @@ impl TeamFlightTracker {
             self.robots.push(ray.robot);
         }
         let key = |ray: &RobotRay| (ray.ray.stamp, ray.robot);
-        let place = match self
+        let Err(place) = self
             .recent
             .binary_search_by_key(&key(ray), |recent| key(&recent.ray))
-        {
-            Ok(_) => return,
-            Err(place) => place,
+        else {
+            return;
         };
         // Without the paths before it, a ray older than all others has no place.
         if place == 0 && !self.recent.is_empty() && self.paths.stamp().is_some() {
