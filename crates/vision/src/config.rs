@@ -41,8 +41,9 @@ pub struct ImageCheckConfig {
     pub contrast_min: f32,
     /// Share of the rows that must be empty or repeated until an image counts as incomplete or torn.
     pub bad_rows_min: f32,
-    /// Difference between two rows over that of the rows next to them, at which an image counts as torn.
-    pub seam_ratio_min: f32,
+    /// Columns that change sharply from one row to the next, more than twice those of any other pair of rows, from which an
+    /// image counts as torn; as a share of the image's width.
+    pub seam_share_min: f32,
 }
 
 impl Default for ImageCheckConfig {
@@ -52,7 +53,7 @@ impl Default for ImageCheckConfig {
             dark_level: 14.0,
             contrast_min: 4.0,
             bad_rows_min: 0.03,
-            seam_ratio_min: 4.0,
+            seam_share_min: 0.04,
         }
     }
 }

@@ -6,7 +6,7 @@ use localize::Stamp;
 use localize::math;
 use localize::robot::CameraConfig;
 use vision::config::ImageCheckConfig;
-use vision::image_check::ImageCheck;
+use vision::image_check::{ImageCheck, ImageFault};
 use vision::{GroundMap, Image};
 
 /// A map of an unknown mirror: all pixels to 85 % of the image's half width show ground.
@@ -53,8 +53,8 @@ fn images_in(folder: &Path) -> Vec<PathBuf> {
     images
 }
 
-#[test]
-fn photographs_and_traced_images_pass_as_stills_and_as_a_sequence() {
+/// Folders of the traced images and, where they lie, of real photographs.
+fn photograph_folders() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let real = root.join("../shared/real");
     let mut folders = vec![
@@ -67,8 +67,13 @@ fn photographs_and_traced_images_pass_as_stills_and_as_a_sequence() {
     for name in ["robot_2a", "robot_7", "robot_8a"] {
         folders.push(real.join("omnivision").join(name).join("frames"));
     }
+    folders
+}
+
+#[test]
+fn photographs_and_traced_images_pass_as_stills_and_as_a_sequence() {
     let mut checked = 0;
-    for folder in folders {
+    for folder in photograph_folders() {
         for seconds in [10.0, 0.033] {
             let mut check: Option<ImageCheck> = None;
             for (number, path) in images_in(&folder).iter().enumerate().take(40) {
@@ -86,4 +91,53 @@ fn photographs_and_traced_images_pass_as_stills_and_as_a_sequence() {
     }
     println!("{checked} images");
     assert!(checked >= 40, "{checked} images");
+}
+
+/// Share of the ground in two rows whose colours differ visibly.
+fn changed_share(map: &GroundMap, rgb: &[u8], row: usize) -> f32 {
+    let shown = (0..map.width_px).filter(|&column| map.at(column, row).is_some());
+    let (mut count, mut changed) = (0, 0);
+    for column in shown {
+        let below = 3 * (row * map.width_px + column);
+        let above = below - 3 * map.width_px;
+        let step = (0..3)
+            .map(|channel| rgb[below + channel].abs_diff(rgb[above + channel]))
+            .max();
+        count += 1;
+        changed += usize::from(step > Some(20));
+    }
+    changed as f32 / count as f32
+}
+
+#[test]
+fn lower_part_of_another_picture_is_named() {
+    let (mut joined_count, mut named) = (0, 0);
+    for folder in photograph_folders() {
+        let images: Vec<Image> = images_in(&folder)
+            .iter()
+            .take(40)
+            .map(|path| Image::load(path).expect("an image"))
+            .collect();
+        for (number, pair) in images.windows(2).enumerate() {
+            let [upper, lower] = [&pair[0], &pair[1]];
+            if upper.rgb.len() != lower.rgb.len() {
+                continue;
+            }
+            let row = upper.height_px * (30 + 40 * (number % 7) / 6) / 100;
+            let from = row * upper.rgb.len() / upper.height_px;
+            let mut joined = upper.clone();
+            joined.rgb[from..].copy_from_slice(&lower.rgb[from..]);
+            let (map, camera) = any_map(&joined);
+            if changed_share(&map, &joined.rgb, row) < 0.25 {
+                continue;
+            }
+            joined_count += 1;
+            let mut check = ImageCheck::new(&map, &camera, ImageCheckConfig::default());
+            let fault = check.check(Stamp::from_seconds(0.0), &joined.view());
+            named += usize::from(fault == Some(ImageFault::Seam { row }));
+        }
+    }
+    println!("{named} of {joined_count} joined images");
+    assert!(joined_count >= 10, "{joined_count} joined images");
+    assert!(20 * named >= 17 * joined_count, "{named} of {joined_count}");
 }

@@ -614,6 +614,10 @@ const REMOVED_KEYS: &[(&str, &str)] = &[
         "localize.filter.systematic_heading_std_deg",
         REPEATED_ERRORS,
     ),
+    (
+        "vision.image_check.seam_ratio_min",
+        "a seam is found by its sharp steps, see vision.image_check.seam_share_min",
+    ),
 ];
 
 const NOISE_LEARNING: &str =

@@ -222,7 +222,7 @@ pub const VISION_BOUNDS: &[Bound] = &[
     bound("image_check.dark_level", 0.0, 255.0, LEVEL),
     bound("image_check.contrast_min", 0.0, 255.0, LEVEL),
     bound("image_check.bad_rows_min", 0.001, 1.0, SHARE),
-    bound("image_check.seam_ratio_min", 1.0, 1.0e6, FACTOR),
+    bound("image_check.seam_share_min", 0.0, 1.0, SHARE),
     // The windows: `*` is one of the lists or a single window.
     bound(
         "virtual_sensors.*.left_px",

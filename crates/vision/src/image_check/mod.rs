@@ -6,6 +6,7 @@
 
 mod mounting;
 mod rows;
+mod seam;
 
 use localize::Stamp;
 use localize::robot::CameraConfig;
@@ -15,6 +16,7 @@ use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
 use mounting::MountingCheck;
 use rows::SampledRows;
+use seam::SeamFinder;
 
 /// Why an image is not used.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -79,6 +81,7 @@ const SEQUENCE_GAP_MAX: f64 = 1.0;
 pub struct ImageCheck {
     config: ImageCheckConfig,
     rows: SampledRows,
+    seam: SeamFinder,
     mounting: MountingCheck,
     last_stamp: Option<Stamp>,
 }
@@ -89,6 +92,7 @@ impl ImageCheck {
         ImageCheck {
             config,
             rows: SampledRows::new(map),
+            seam: SeamFinder::default(),
             mounting: MountingCheck::new(map, camera),
             last_stamp: None,
         }
@@ -118,7 +122,7 @@ impl ImageCheck {
 
     fn fault_of_rows(&mut self, image: &ImageView<'_>) -> Option<ImageFault> {
         let config = &self.config;
-        let rows = &mut self.rows;
+        let rows = &self.rows;
         if rows.is_empty() {
             return None;
         }
@@ -144,7 +148,7 @@ impl ImageCheck {
             let (first, last) = (empty.first, empty.last);
             return Some(ImageFault::Incomplete { first, last });
         }
-        if let Some(row) = rows.seam(image, config.seam_ratio_min) {
+        if let Some(row) = self.seam.find(rows, image, config.seam_share_min) {
             return Some(ImageFault::Seam { row });
         }
         let contrast = rows.contrast();

@@ -7,28 +7,18 @@ use crate::image::{ImageView, PixelFormat};
 use crate::optics::ground_map::GroundMap;
 
 /// Columns between two samples of a row: 480 rows then have about 20,000 samples.
-const COLUMN_STEP: usize = 8;
+pub(super) const COLUMN_STEP: usize = 8;
 /// Fewest samples of a row; a shorter one at the edge of the ground says little.
 const ROW_SAMPLES_MIN: usize = 12;
 /// Rows and samples of a part of the floor, whose mean brightness is compared with others.
 const PART_ROWS: usize = 12;
 const PART_SAMPLES: usize = 4;
-/// Difference of two rows over those of their neighbours from which a displacement is sought, largest displacement in
-/// pixels, and share of the difference that it leaves at most.
-const DISPLACED_RATIO: f32 = 1.35;
-const DISPLACEMENT_MAX: usize = 100;
-const DISPLACED_SHARE: f32 = 0.5;
-/// Mean difference below which two rows show nothing that could be displaced, brightness levels.
-const DISPLACED_LEVEL: f32 = 6.0;
-/// Differences below this are noise or compression, brightness levels.
-const SEAM_FLOOR: f32 = 3.0;
-
 /// A row that shows ground.
 #[derive(Debug, Clone)]
-struct SampledRow {
-    row: usize,
+pub(super) struct SampledRow {
+    pub(super) row: usize,
     /// Of each sample of the row, from the image's left edge to its right one: true if it shows ground.
-    ground: Vec<bool>,
+    pub(super) ground: Vec<bool>,
     /// The samples that show ground, as runs of neighbours.
     runs: Vec<Range<usize>>,
     /// Where its samples start.
@@ -49,7 +39,6 @@ pub(super) struct SampledRows {
     yuv: bool,
     /// Rows that one cell of a colour filter spans are read once.
     row_step: usize,
-    scratch: Vec<f32>,
 }
 
 /// Consecutive rows with a property: how many were sampled, and the first and last of them in the image.
@@ -105,7 +94,6 @@ impl SampledRows {
             has_last: false,
             yuv: false,
             row_step: 1,
-            scratch: Vec::new(),
         }
     }
 
@@ -115,6 +103,16 @@ impl SampledRows {
 
     pub(super) fn is_empty(&self) -> bool {
         self.rows.is_empty()
+    }
+
+    /// Distance of two rows that are read and follow each other.
+    pub(super) fn row_step(&self) -> usize {
+        self.row_step
+    }
+
+    /// Brightness of any pixel.
+    pub(super) fn level_at(&self, image: &ImageView<'_>, column: usize, row: usize) -> u8 {
+        brightness(self.yuv, image.native_channels(column, row))
     }
 
     /// Number of rows that are read.
@@ -146,11 +144,11 @@ impl SampledRows {
     }
 
     /// Brightness of a row's samples.
-    fn levels_of(&self, row: &SampledRow) -> &[u8] {
+    pub(super) fn levels_of(&self, row: &SampledRow) -> &[u8] {
         &self.brightness[row.start..][..row.ground.len()]
     }
 
-    fn read_rows(&self) -> impl Iterator<Item = &SampledRow> {
+    pub(super) fn read_rows(&self) -> impl Iterator<Item = &SampledRow> {
         self.rows.iter().step_by(self.row_step)
     }
 
@@ -220,77 +218,6 @@ impl SampledRows {
             }
         }
         longest
-    }
-
-    /// The row that does not continue the one above.
-    ///
-    /// Optics spread each edge over several rows. Only parts of two images differ from one row to the next by `ratio`
-    /// times as much as the rows next to them, or continue each other better after a displacement.
-    pub(super) fn seam(&mut self, image: &ImageView<'_>, ratio: f32) -> Option<usize> {
-        let mut differences = std::mem::take(&mut self.scratch);
-        differences.clear();
-        let rows: Vec<&SampledRow> = self.read_rows().collect();
-        for pair in rows.windows(2) {
-            let [above, below] = [pair[0], pair[1]];
-            if below.row != above.row + self.row_step {
-                differences.push(f32::NAN);
-                continue;
-            }
-            let levels = self.levels_of(above).iter().zip(self.levels_of(below));
-            let shown = above.ground.iter().zip(&below.ground);
-            let (mut sum, mut count) = (0u32, 0u32);
-            for ((&upper, &lower), (&above, &below)) in levels.zip(shown) {
-                let both = u32::from(above & below);
-                sum += both * u32::from(upper.abs_diff(lower));
-                count += both;
-            }
-            differences.push(sum as f32 / count.max(1) as f32);
-        }
-        let seam = differences.windows(5).enumerate().find(|(index, around)| {
-            let beside = around[0].max(around[1]).max(around[3]).max(around[4]);
-            let least = beside.max(SEAM_FLOOR);
-            around[2] > ratio * least
-                || (around[2] > DISPLACED_RATIO * least
-                    && self.is_displaced(image, rows[index + 2]))
-        });
-        let row = seam.map(|(index, _)| rows[index + 3].row);
-        self.scratch = differences;
-        row
-    }
-
-    /// True if the row below one continues it much better when it is displaced.
-    fn is_displaced(&self, image: &ImageView<'_>, above: &SampledRow) -> bool {
-        let shown = |shown: &bool| *shown;
-        let (Some(first), Some(last)) = (
-            above.ground.iter().position(shown),
-            above.ground.iter().rposition(shown),
-        ) else {
-            return false;
-        };
-        let columns = first * COLUMN_STEP..last * COLUMN_STEP;
-        // A short row at the edge of the ground may show one object alone.
-        if 2 * columns.len() < self.size_px.0 {
-            return false;
-        }
-        let [upper, lower]: [Vec<u8>; 2] = [above.row, above.row + self.row_step].map(|row| {
-            let level = |column| brightness(self.yuv, image.native_channels(column, row));
-            columns.clone().map(level).collect()
-        });
-        let most = DISPLACEMENT_MAX.min(upper.len() / 3);
-        // The difference over the same middle part of the upper row, for each displacement.
-        let difference = |shift: usize| -> u32 {
-            let middle = &upper[most..upper.len() - most];
-            let pairs = middle.iter().zip(&lower[shift..]).step_by(2);
-            pairs.map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
-        };
-        let in_place = difference(most);
-        let compared = (upper.len() - 2 * most).div_ceil(2);
-        if (in_place as f32) < DISPLACED_LEVEL * compared as f32 {
-            return false;
-        }
-        let away = (0..=2 * most).filter(|shift| shift.abs_diff(most) >= 3);
-        let best = away.map(difference).min().unwrap_or(u32::MAX);
-        (best as f32) < DISPLACED_SHARE * in_place as f32
     }
 
     /// Spread of the mean brightness over parts of the floor.

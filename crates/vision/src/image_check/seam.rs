@@ -1,0 +1,167 @@
+//! Where do two rows of an image not continue each other? There parts of two images meet, or pixels were lost.
+//!
+//! Optics and the interpolation of colours spread each edge over several rows. Where parts of two images meet, many
+//! columns change from one row to the next and not beside it. Where pixels were lost, the lower row continues the
+//! upper one after a displacement.
+
+use super::rows::{COLUMN_STEP, SampledRow, SampledRows};
+use crate::image::ImageView;
+
+/// Pairs of rows above and below with which the step of a column is compared.
+const ROWS_BESIDE: usize = 4;
+/// A step is sharp if it is larger than this, brightness levels, and more than twice as large as each of those beside it.
+const STEP_MIN: u8 = 8;
+/// Difference of two rows over those of their neighbours from which a displacement is sought, largest displacement in
+/// pixels, and share of the difference that it leaves at most.
+const DISPLACED_RATIO: f32 = 1.35;
+const DISPLACEMENT_MAX: usize = 100;
+const DISPLACED_SHARE: f32 = 0.5;
+/// Mean difference below which two rows show nothing that could be displaced, brightness levels.
+const DISPLACED_LEVEL: f32 = 6.0;
+/// Differences below this are noise or compression, brightness levels.
+const DIFFERENCE_FLOOR: f32 = 3.0;
+
+/// Finds the seam of an image. Keeps its memory from image to image.
+#[derive(Debug, Clone, Default)]
+pub(super) struct SeamFinder {
+    /// Columns of a row.
+    columns: usize,
+    /// Brightness difference of each pair of rows, column by column.
+    steps: Vec<u8>,
+    /// Mean difference of each pair where both show ground; not a number where the rows do not follow each other.
+    differences: Vec<f32>,
+    /// Columns with a sharp step, of each pair.
+    sharp: Vec<usize>,
+}
+
+impl SeamFinder {
+    /// The row that does not continue the one above. `share_min`: columns with a sharp step by which the seam exceeds
+    /// twice those of any other pair of rows, as a share of the image's width.
+    pub(super) fn find(
+        &mut self,
+        rows: &SampledRows,
+        image: &ImageView<'_>,
+        share_min: f32,
+    ) -> Option<usize> {
+        let read: Vec<&SampledRow> = rows.read_rows().collect();
+        self.read_steps(rows, &read);
+        let joined = self.joined(&read, share_min);
+        joined.or_else(|| self.displaced(rows, image, &read))
+    }
+
+    fn read_steps(&mut self, rows: &SampledRows, read: &[&SampledRow]) {
+        self.columns = read.first().map_or(0, |row| row.ground.len());
+        self.steps.clear();
+        self.differences.clear();
+        for pair in read.windows(2) {
+            let [above, below] = [pair[0], pair[1]];
+            let levels = rows.levels_of(above).iter().zip(rows.levels_of(below));
+            let from = self.steps.len();
+            self.steps
+                .extend(levels.map(|(upper, lower)| upper.abs_diff(*lower)));
+            if below.row != above.row + rows.row_step() {
+                self.steps[from..].fill(0);
+                self.differences.push(f32::NAN);
+                continue;
+            }
+            let shown = above.ground.iter().zip(&below.ground);
+            let (mut sum, mut count) = (0u32, 0u32);
+            for (&step, (&above, &below)) in self.steps[from..].iter().zip(shown) {
+                let both = u32::from(above & below);
+                sum += both * u32::from(step);
+                count += both;
+            }
+            self.differences.push(sum as f32 / count.max(1) as f32);
+        }
+    }
+
+    /// The first row of the lower of two joined parts.
+    fn joined(&mut self, read: &[&SampledRow], share_min: f32) -> Option<usize> {
+        let pairs = self.differences.len();
+        let mut beside = vec![0u8; self.columns];
+        self.sharp.clear();
+        for number in 0..pairs {
+            let around = number.saturating_sub(ROWS_BESIDE)..(number + ROWS_BESIDE + 1).min(pairs);
+            if around.len() < 2 * ROWS_BESIDE + 1 {
+                self.sharp.push(0);
+                continue;
+            }
+            beside.fill(0);
+            for other in around.filter(|other| *other != number) {
+                for (most, step) in beside.iter_mut().zip(self.steps_of(other)) {
+                    *most = (*most).max(*step);
+                }
+            }
+            let shown = read[number].ground.iter().zip(&read[number + 1].ground);
+            let steps = self.steps_of(number).iter().zip(&beside).zip(shown);
+            let is_sharp = |((step, beside), (above, below)): ((&u8, &u8), (&bool, &bool))| {
+                above & below & (*step > STEP_MIN) & (*step / 2 > *beside)
+            };
+            self.sharp
+                .push(steps.filter(|step| is_sharp(*step)).count());
+        }
+        let (seam, &most) = (self.sharp.iter().enumerate()).max_by_key(|(_, count)| **count)?;
+        let others = self.sharp.iter().enumerate();
+        let next = others
+            .filter(|(number, _)| number.abs_diff(seam) > 1)
+            .map(|(_, count)| *count)
+            .max()?;
+        let excess = most as f32 - 2.0 * next as f32;
+        (excess > share_min * self.columns as f32).then(|| read[seam + 1].row)
+    }
+
+    fn steps_of(&self, pair: usize) -> &[u8] {
+        &self.steps[pair * self.columns..][..self.columns]
+    }
+
+    /// The first row from which pixels are lost.
+    fn displaced(
+        &self,
+        rows: &SampledRows,
+        image: &ImageView<'_>,
+        read: &[&SampledRow],
+    ) -> Option<usize> {
+        let mut around = self.differences.windows(5).enumerate();
+        let seam = around.find(|(number, around)| {
+            let beside = around[0].max(around[1]).max(around[3]).max(around[4]);
+            around[2] > DISPLACED_RATIO * beside.max(DIFFERENCE_FLOOR)
+                && is_displaced(rows, image, read[number + 2])
+        });
+        seam.map(|(number, _)| read[number + 3].row)
+    }
+}
+
+/// True if the row below one continues it much better when it is displaced.
+fn is_displaced(rows: &SampledRows, image: &ImageView<'_>, above: &SampledRow) -> bool {
+    let shown = |shown: &bool| *shown;
+    let (Some(first), Some(last)) = (
+        above.ground.iter().position(shown),
+        above.ground.iter().rposition(shown),
+    ) else {
+        return false;
+    };
+    let columns = first * COLUMN_STEP..last * COLUMN_STEP;
+    // A short row at the edge of the ground may show one object alone.
+    if 2 * columns.len() < rows.size_px().0 {
+        return false;
+    }
+    let [upper, lower]: [Vec<u8>; 2] = [above.row, above.row + rows.row_step()].map(|row| {
+        let level = |column| rows.level_at(image, column, row);
+        columns.clone().map(level).collect()
+    });
+    let most = DISPLACEMENT_MAX.min(upper.len() / 3);
+    // The difference over the same middle part of the upper row, for each displacement.
+    let difference = |shift: usize| -> u32 {
+        let middle = &upper[most..upper.len() - most];
+        let pairs = middle.iter().zip(&lower[shift..]).step_by(2);
+        pairs.map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
+    };
+    let in_place = difference(most);
+    let compared = (upper.len() - 2 * most).div_ceil(2);
+    if (in_place as f32) < DISPLACED_LEVEL * compared as f32 {
+        return false;
+    }
+    let away = (0..=2 * most).filter(|shift| shift.abs_diff(most) >= 3);
+    let best = away.map(difference).min().unwrap_or(u32::MAX);
+    (best as f32) < DISPLACED_SHARE * in_place as f32
+}
