@@ -35,7 +35,8 @@ impl RadialFunction {
 const NEAR_FIRST: f64 = 0.8;
 const NEAR_STEP: f64 = 1.22;
 const NEAR_COUNT: usize = 13;
-const HORIZONS: [f64; 3] = [0.98, 1.1, 1.3];
+/// Horizons over the rim's radius. Some mirrors show much that is above the horizon, and a rim outside the image is a guess.
+const HORIZONS: [f64; 5] = [0.7, 0.83, 0.98, 1.1, 1.3];
 const POWERS: [f64; 2] = [3.0, 8.0];
 
 /// All members.

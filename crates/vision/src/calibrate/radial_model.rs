@@ -38,8 +38,11 @@ const TILT_MAX_DEG: f64 = 10.0;
 const LOG_SLOPE_MIN: f64 = 0.6;
 
 /// Least range (metres) at shares of the rim's radius: the robot's own body hides the ground below it, and every
-/// mirror of the league shows a ball from a metre.
-const RANGES_MIN: [(f64, f64); 2] = [(0.25, 0.2), (0.8, 1.2)];
+/// mirror of the league shows the ground to 2 m well inside its rim.
+const RANGES_MIN: [(f64, f64); 2] = [(0.25, 0.2), (0.8, 2.0)];
+
+/// Ranges beyond this do not tell two models apart, metres.
+const SIMILAR_RANGE_MAX: f64 = 5.0;
 
 /// Softness of the bounds.
 const BOUND_STD: f64 = 0.01;
@@ -211,13 +214,14 @@ impl RadialModel {
             && reaches
     }
 
-    /// True if two models differ by less than a tenth in range, where lines are seen.
-    pub(super) fn is_similar(&self, other: &RadialModel) -> bool {
-        [0.3, 0.4, 0.5, 0.6, 0.7].iter().all(|share| {
+    /// True if two models differ by less than a tenth in range, where lines are seen: between two image radii, pixels.
+    pub(super) fn is_similar(&self, other: &RadialModel, [inner, outer]: [f64; 2]) -> bool {
+        [0.0, 0.25, 0.5, 0.75, 1.0].iter().all(|share| {
+            let radius_px = inner + share * (outer - inner);
             let range = |model: &RadialModel| {
                 let [u, v] = [model.parameters[0], model.parameters[1]];
-                let at = PixelPoint([share * model.rim_px + u, v]);
-                model.radial_point(&at).range
+                let point = model.radial_point(&PixelPoint([radius_px + u, v]));
+                point.range.min(SIMILAR_RANGE_MAX)
             };
             math::ln(range(self) / range(other)).abs() < 0.1
         })

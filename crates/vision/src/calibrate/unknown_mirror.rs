@@ -52,8 +52,8 @@ const FIELD_REFINED: usize = 16;
 /// Rounds of pose search and joint fit for each.
 const REFINE_ROUNDS: usize = 3;
 
-/// A rival mirror within this score leaves the choice open.
-const UNDECIDED_MARGIN: f64 = 0.05;
+/// Another mirror explains the points as well if its odds of a point on a marking, times this, exceed those of the best.
+const UNDECIDED_ODDS: f64 = 1.3;
 
 /// Another field must explain this much more of the points.
 const BETTER_FIELD_MARGIN: f64 = 0.08;
@@ -75,9 +75,9 @@ const SHARE_MIN: f64 = 0.7;
 const SHARE_MIN_UNCHECKED: f64 = 0.85;
 const DISAGREEMENT_MAX: f32 = 0.06;
 
-/// Share of the points that the mirror found by the search explains at least, before the joint fit. Right mirrors of six
-/// robots explain 0.66 to 0.97; below that the fit can bend a wrong mirror to the images.
-const SEARCH_SHARE_MIN: f64 = 0.6;
+/// Share of the points that the mirror found by the search explains at least, before the joint fit. Right mirrors of seven
+/// robots explain 0.56 to 0.99, wrong ones up to half: the fit could bend them to the images.
+const SEARCH_SHARE_MIN: f64 = 0.53;
 
 /// Ground farther than this is not calibrated by lines, metres.
 const MAP_RANGE_MAX: f64 = 12.0;
@@ -263,7 +263,7 @@ impl Attempt<'_> {
         let chosen = choose_images(self.all, SEARCH_IMAGES);
         let step = |done: f32| progress(0.1 + 0.6 * done);
         let ranked = self.rank_models(&chosen, field, REFINED, &step);
-        let model = self.fit_all(field, decide(&ranked)?);
+        let model = self.fit_all(field, decide(&ranked, radii_px(&chosen))?);
         let rim_camera = camera;
         let camera = CameraConfig {
             centre_px: model.centre_px(camera),
@@ -392,14 +392,18 @@ impl Attempt<'_> {
 }
 
 /// The best of the ranked models; an error if another one explains the points as well.
-fn decide(ranked: &[MirrorHypothesis]) -> Result<&RadialModel, CalibrationError> {
+fn decide(
+    ranked: &[MirrorHypothesis],
+    radii_px: [f64; 2],
+) -> Result<&RadialModel, CalibrationError> {
     let Some(best) = ranked.first() else {
         return Err(CalibrationError::Undecided(
             "no mirror explains the line points. Take more images all over the field".into(),
         ));
     };
     let rival = ranked.iter().find(|other| {
-        other.score > best.score - UNDECIDED_MARGIN && !other.model.is_similar(&best.model)
+        odds(other.score) * UNDECIDED_ODDS > odds(best.score)
+            && !other.model.is_similar(&best.model, radii_px)
     });
     match rival {
         Some(rival) => Err(CalibrationError::Undecided(format!(
@@ -412,6 +416,11 @@ fn decide(ranked: &[MirrorHypothesis]) -> Result<&RadialModel, CalibrationError>
         ))),
         None => Ok(&best.model),
     }
+}
+
+/// Odds that a point lies on a marking.
+fn odds(share: f64) -> f64 {
+    share / (1.0 - share).max(1e-3)
 }
 
 /// Images of the search: evenly over the recording, of those with many line points.
