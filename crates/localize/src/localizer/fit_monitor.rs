@@ -6,8 +6,11 @@
 use crate::estimate::{Estimate, Fit};
 use crate::field::{Field, Marking};
 use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf, wrap_angle};
+use crate::matching::MatchConfig;
+use crate::matching::distance_field::DistanceField;
 use crate::math;
 use crate::sample::LinePoint;
+use crate::tilt::ground_from_map;
 
 /// Distance between samples of the markings, metres.
 const MARKING_STEP: f32 = 0.25;
@@ -15,8 +18,8 @@ const MARKING_STEP: f32 = 0.25;
 const SIGHT_RANGE: f32 = 4.0;
 /// A marking's sample is seen if a line point lies this near: half a step and the error of a point, metres.
 const SEEN_DISTANCE: f32 = 0.25;
-/// The markings of every n-th image are counted, by its points and those of the image before it: vision may read half of
-/// the scan lines in each.
+/// Points on markings are counted in every n-th image, and the markings by its points and those of the image before it:
+/// vision may read half of the scan lines in each.
 const SEEN_STRIDE: u32 = 5;
 /// Memory of the image figures, in images, and of wheels and compass, in steps.
 const IMAGES: f32 = 150.0;
@@ -107,6 +110,7 @@ impl FitMonitor {
         &mut self,
         estimate: &Estimate,
         points: &[LinePoint],
+        markings: &FitMarkings<'_>,
         heading: Option<f32>,
     ) {
         let Some(pose) = estimate.pose else {
@@ -114,13 +118,15 @@ impl FitMonitor {
             return;
         };
         if estimate.inlier_share > 0.0 {
-            self.on_markings.add(estimate.inlier_share, IMAGES);
             self.squared_residual
                 .add(estimate.inlier_rms * estimate.inlier_rms, IMAGES);
-            if self.image.is_multiple_of(SEEN_STRIDE)
-                && let Some(share) = self.seen_share(pose, points)
-            {
-                self.seen.add(share, IMAGES / SEEN_STRIDE as f32);
+            if self.image.is_multiple_of(SEEN_STRIDE) {
+                let on_markings = markings.share_of(pose, estimate.tilt, points);
+                self.on_markings
+                    .add(on_markings, IMAGES / SEEN_STRIDE as f32);
+                if let Some(share) = self.seen_share(pose, points) {
+                    self.seen.add(share, IMAGES / SEEN_STRIDE as f32);
+                }
             }
             self.image = self.image.wrapping_add(1);
             self.points_before.clear();
@@ -213,9 +219,38 @@ impl FitMonitor {
     /// A compass alone raises no doubt: magnets disturb it for seconds in right set-ups.
     pub(super) fn is_doubtful(&self, inlier_share_min: f32) -> bool {
         let wheels = self.wheels(STEPS_MIN);
-        let points = self.on_markings.known(IMAGES_MIN);
+        let points = self.on_markings.known(IMAGES_MIN / SEEN_STRIDE);
         wheels.is_some_and(|agreement| agreement < AGREEMENT_MIN)
             || points.is_some_and(|share| share < inlier_share_min)
+    }
+}
+
+/// The markings with which points are compared.
+pub(super) struct FitMarkings<'a> {
+    pub(super) distances: &'a DistanceField,
+    pub(super) matching: &'a MatchConfig,
+}
+
+impl FitMarkings<'_> {
+    /// Share of the points that lie on markings, by the spread that vision states for them.
+    ///
+    /// The match widens that spread until it explains the points, so that its own inliers say nothing about the set-up.
+    /// `tilt`: what the points are not compensated for, radians.
+    fn share_of(&self, pose: Pose, tilt: [f32; 2], points: &[LinePoint]) -> f32 {
+        let MatchConfig {
+            viewpoint_height,
+            kernel_scale_sigmas,
+            map_std,
+            ..
+        } = *self.matching;
+        let is_on_marking = |point: &&LinePoint| {
+            let [x, y] = ground_from_map([point.at.x, point.at.y], tilt, viewpoint_height);
+            let at = pose * At::<RobotFrame>::new(x, y);
+            let std = point.std_radial.max(point.std_tangential);
+            let reach = kernel_scale_sigmas * math::hypot(map_std, std);
+            self.distances.nearest(at.x, at.y).signed_distance.abs() < reach
+        };
+        points.iter().filter(is_on_marking).count() as f32 / points.len().max(1) as f32
     }
 }
 

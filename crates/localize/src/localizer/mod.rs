@@ -44,7 +44,7 @@ use crate::stamp::Stamp;
 use candidates::Candidates;
 use field_half::HalfEvidence;
 pub use field_half::HalfState;
-use fit_monitor::FitMonitor;
+use fit_monitor::{FitMarkings, FitMonitor};
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
 use state::{GlobalCheck, State};
@@ -341,13 +341,13 @@ impl Localizer {
                 self.track(exposed, &points, track, Some(suspicion))
             }
         };
+        self.measure_fit(&mut estimate, &points);
         if let Some(imu_tilt) = imu_tilt {
             self.update_tilt_bias(&imu_tilt, &estimate, elapsed as f32);
             for (value, mean) in estimate.tilt.iter_mut().zip(imu_tilt.expected.mean) {
                 *value += mean;
             }
         }
-        self.measure_fit(&mut estimate, &points);
         self.take_snapshot();
         for measurement in later {
             self.receive(measurement);
@@ -376,12 +376,18 @@ impl Localizer {
         self.add_map_uncertainty(estimate);
     }
 
-    /// Adds the image to the figures of the fit.
+    /// Adds the image to the figures of the fit. `points` are compensated for the tilt that was expected; the estimate's
+    /// tilt is what remains.
     fn measure_fit(&mut self, estimate: &mut Estimate, points: &[LinePoint]) {
         let heading = self
             .heading_prior(estimate.stamp)
             .map(|prior| prior.heading);
-        self.fit_monitor.add_image(estimate, points, heading);
+        let markings = FitMarkings {
+            distances: &self.distance_field,
+            matching: &self.config.matching,
+        };
+        self.fit_monitor
+            .add_image(estimate, points, &markings, heading);
         estimate.fit = self.fit_monitor.fit();
     }
 
