@@ -181,7 +181,7 @@ impl View {
     }
 
     /// Submits the visible layers to the layer worker, and takes its results.
-    fn update_layers(&mut self, ctx: &egui::Context) {
+    pub(super) fn update_layers(&mut self, ctx: &egui::Context) {
         let (camera, field) = self.panels.layer_selections();
         let camera_visible = layout::contains_pane(&self.tree, Pane::Camera);
         let selection = LayerSelection {

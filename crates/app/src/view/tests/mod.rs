@@ -1,8 +1,11 @@
 //! Drives the view without a window: finds widgets by their label and clicks them.
 
 mod curves;
+mod drawn_run;
 mod keyboard;
 mod panels;
+mod pictures;
+mod rasterizer;
 mod runs;
 mod workspace;
 
