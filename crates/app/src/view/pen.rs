@@ -21,6 +21,8 @@ const CIRCLE_TOLERANCE: f32 = 0.1;
 /// Turn of an arrow's barbs against its shaft, radians, and their length as a share of the shaft.
 const BARB_ANGLE: f32 = TAU / 10.0;
 const BARB_SHARE: f32 = 0.25;
+/// Longest barb, points.
+const BARB_MAX: f32 = 9.0;
 
 /// A painter that collects what it can in one mesh, and keeps the order of everything drawn.
 pub(crate) struct Pen {
@@ -127,10 +129,11 @@ impl Pen {
     pub(crate) fn arrow(&self, from: Pos2, along: Vec2, stroke: impl Into<Stroke>) {
         let (tip, stroke) = (from + along, stroke.into());
         self.segment([from, tip], stroke);
+        let share = BARB_SHARE.min(BARB_MAX / along.length().max(1.0));
         let barbs = [BARB_ANGLE, -BARB_ANGLE].map(|angle| {
             let (sin, cos) = angle.sin_cos();
             let turned = Vec2::new(cos * along.x - sin * along.y, sin * along.x + cos * along.y);
-            tip - BARB_SHARE * turned
+            tip - share * turned
         });
         self.line([barbs[0], tip, barbs[1]], stroke);
     }

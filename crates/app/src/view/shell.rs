@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use anyhow::Result;
 use eframe::egui::{self, Ui};
 use egui_tiles::Tree;
 use pipeline::PipelineConfig;
@@ -67,6 +68,8 @@ pub(crate) struct View {
     screenshot_image: Arc<Mutex<Option<Arc<egui::ColorImage>>>>,
     /// Result of the last action, for the menu bar.
     pub(crate) status_message: Option<String>,
+    /// Why the last action of the user failed.
+    pub(crate) problem: Option<String>,
 }
 
 impl View {
@@ -91,6 +94,7 @@ impl View {
             pending_screenshots: Vec::new(),
             screenshot_image: Arc::default(),
             status_message: None,
+            problem: None,
         }
     }
 
@@ -102,19 +106,37 @@ impl View {
 
     /// Opens another source.
     pub(crate) fn open(&mut self, path: &Path, ctx: &egui::Context) {
-        match Session::open(path) {
-            Ok(session) => {
-                // What the user has labelled outlives the source.
-                let calibration = std::mem::take(&mut self.session.calibration);
-                self.session = session;
-                self.session.calibration = calibration;
-                self.history = UndoHistory::default();
-                if path.exists() {
-                    self.remember_file(path);
-                }
-                self.repaint_on_cycle(ctx);
+        let Some(session) = self.take_result(Session::open(path)) else {
+            return;
+        };
+        // What the user has labelled outlives the source.
+        let calibration = std::mem::take(&mut self.session.calibration);
+        self.session = session;
+        self.session.calibration = calibration;
+        self.history = UndoHistory::default();
+        if path.exists() {
+            self.remember_file(path);
+        }
+        self.repaint_on_cycle(ctx);
+    }
+
+    /// Opens another source beside the run.
+    pub(crate) fn open_beside(&mut self, path: &Path) {
+        let opened = self.session.open_beside(path);
+        self.take_result(opened);
+    }
+
+    /// The value, if an action of the user succeeded; otherwise the problem is shown until another one succeeds.
+    pub(crate) fn take_result<T>(&mut self, result: Result<T>) -> Option<T> {
+        match result {
+            Ok(value) => {
+                self.problem = None;
+                Some(value)
             }
-            Err(error) => self.session.last_error = Some(format!("{error:#}")),
+            Err(error) => {
+                self.problem = Some(format!("{error:#}"));
+                None
+            }
         }
     }
 
@@ -225,20 +247,6 @@ impl View {
         self.recent_files.truncate(RECENT_FILES_MAX);
     }
 
-    /// Opens dropped files: the first one instead of the run, further ones beside it.
-    fn take_dropped_files(&mut self, ctx: &egui::Context) {
-        let (dropped, shifted) =
-            ctx.input(|input| (input.raw.dropped_files.clone(), input.modifiers.shift));
-        for (number, file) in dropped.into_iter().enumerate() {
-            let path = file.path().to_owned();
-            if number == 0 && !shifted {
-                self.open(&path, ctx);
-            } else {
-                self.session.open_beside(&path);
-            }
-        }
-    }
-
     /// Records an edit once the pointer is released and no text is being typed.
     fn record_edits(&mut self, ctx: &egui::Context) {
         if ctx.input(|input| input.pointer.any_down()) || ctx.egui_wants_keyboard_input() {
@@ -306,9 +314,9 @@ impl View {
                 }
             };
             let (ScreenshotTarget::File(path) | ScreenshotTarget::Report(path)) = &target;
-            match result {
-                Ok(()) => self.status_message = Some(format!("wrote {}", path.display())),
-                Err(error) => self.session.last_error = Some(format!("{error:#}")),
+            let message = format!("wrote {}", path.display());
+            if self.take_result(result).is_some() {
+                self.status_message = Some(message);
             }
         }
     }

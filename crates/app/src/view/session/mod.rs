@@ -220,11 +220,10 @@ impl Session {
     }
 
     /// Shows another log, or another robot's stream, beside this run.
-    pub(crate) fn open_beside(&mut self, path: &Path) {
-        match OtherRun::open(path, self.clock_offset_ns) {
-            Ok(other) => self.others.push(other),
-            Err(error) => self.last_error = Some(format!("{error:#}")),
-        }
+    pub(crate) fn open_beside(&mut self, path: &Path) -> Result<()> {
+        self.others
+            .push(OtherRun::open(path, self.clock_offset_ns)?);
+        Ok(())
     }
 
     /// What localization had learned about the ground map in the shown cycle.

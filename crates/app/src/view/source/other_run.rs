@@ -6,14 +6,16 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use localize::Pose;
 use localize::robot::BaseConfig;
-use pipeline::Cycle;
+use pipeline::config::PIPELINE_FILE;
 use pipeline::log::{Header, LogIndex};
+use pipeline::{Cycle, PipelineConfig};
 
 use super::inbox::CycleInbox;
 use super::live::LiveSource;
 use super::log::LogPlayer;
 use super::metrics_reader::MetricsReader;
 use super::{Source, is_stream_address, remote};
+use crate::view::session::Session;
 use crate::view::time_series::{CycleMetrics, TimeSeries};
 
 /// A run that is shown beside the first one.
@@ -26,6 +28,8 @@ pub(crate) struct OtherRun {
     offset: f64,
     source: Source,
     base: BaseConfig,
+    /// Its number in the team; None if its settings are unknown.
+    robot: Option<u32>,
     metrics_reader: Option<MetricsReader>,
     /// Its cycle at the shown time, without image.
     pub(crate) cycle: Option<Arc<Cycle>>,
@@ -47,7 +51,11 @@ impl OtherRun {
         let mut player = LogPlayer::new(LogIndex::open(path)?);
         let setup = player.load_setup().ok();
         let base = setup.and_then(|setup| setup.robot.base).unwrap_or_default();
-        let offset = offset_between(player.index().header(), clock_offset_ns);
+        let header = player.index().header();
+        let (offset, robot) = (
+            offset_between(header, clock_offset_ns),
+            robot_number(header),
+        );
         let reader = MetricsReader::start(player.index().clone(), base.clone())
             .context("cannot start a thread")?;
         let name = path.file_name().unwrap_or(path.as_os_str());
@@ -57,6 +65,7 @@ impl OtherRun {
             offset,
             source: Source::Log(Box::new(player)),
             base,
+            robot,
             metrics_reader: Some(reader),
             cycle: None,
         })
@@ -73,6 +82,7 @@ impl OtherRun {
             offset,
             source: Source::Live(Box::new(live)),
             base: remote.setup.robot.base.unwrap_or_default(),
+            robot: robot_number(&remote.header),
             metrics_reader: None,
             cycle: None,
         })
@@ -126,10 +136,26 @@ impl OtherRun {
         changed
     }
 
+    /// Is it a run of another robot than the first run? Otherwise their difference tells something.
+    pub(crate) fn is_another_robot(&self, first: &Session) -> bool {
+        let is_live = |source: &Source| matches!(source, Source::Live(_));
+        let first_robot = first.source_config.team.number;
+        // A robot has one stream: another stream at the same time is another robot's.
+        is_live(&self.source) && is_live(&first.source)
+            || self.robot.is_some_and(|robot| robot != first_robot)
+    }
+
     /// Its pose at the shown time; None while lost, and where it has no cycle.
     pub(crate) fn pose(&self) -> Option<Pose> {
         self.cycle.as_ref()?.estimate.pose
     }
+}
+
+/// The robot's number in its team, by the settings in a log.
+fn robot_number(header: &Header) -> Option<u32> {
+    let settings = String::from_utf8_lossy(header.files.get(PIPELINE_FILE)?);
+    let config = PipelineConfig::parse(&settings).ok()?;
+    Some(config.team.number)
 }
 
 /// From the stamps of a log to those of another one, seconds; 0 unless both clocks are known.

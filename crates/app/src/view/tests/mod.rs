@@ -2,11 +2,13 @@
 
 mod curves;
 mod drawn_run;
+mod dropped;
 mod keyboard;
 mod panels;
 mod pictures;
 mod rasterizer;
 mod runs;
+mod two_robots;
 mod workspace;
 
 use std::path::{Path, PathBuf};
@@ -43,16 +45,24 @@ fn record(path: &Path, images: ImageCompression) {
 
 /// Records it with cycles that `change` spoils; its first argument counts them.
 fn record_changed(path: &Path, images: ImageCompression, change: impl Fn(usize, &mut Cycle)) {
+    record_with(path, images, &PipelineConfig::default(), change);
+}
+
+/// The same with other settings.
+fn record_with(
+    path: &Path,
+    images: ImageCompression,
+    config: &PipelineConfig,
+    change: impl Fn(usize, &mut Cycle),
+) {
     let simulation = Simulation::load(&scenario(), None, Some(1.0)).expect("a scenario");
     let setup = simulation.setup().expect("a robot");
-    let config = PipelineConfig::default();
-    let mut pipeline = Pipeline::new(&setup, &config).expect("a pipeline");
+    let mut pipeline = Pipeline::new(&setup, config).expect("a pipeline");
     let log = LogConfig {
         images,
         ..LogConfig::default()
     };
-    let mut recorder =
-        start_log(path, "sim demo", Some(1), (&setup, &config), &log).expect("a log");
+    let mut recorder = start_log(path, "sim demo", Some(1), (&setup, config), &log).expect("a log");
     let cycles = simulation.filter_map(|sample| pipeline.process_sample(sample));
     for (number, mut cycle) in cycles.enumerate() {
         change(number, &mut cycle);

@@ -31,7 +31,8 @@ fn collect_texts(shape: &Shape, clip: Rect, texts: &mut Vec<(String, Rect)>) {
     }
 }
 
-fn texts(shapes: &[ClippedShape]) -> Vec<(String, Rect)> {
+/// The visible texts of a picture with their places.
+pub(super) fn texts(shapes: &[ClippedShape]) -> Vec<(String, Rect)> {
     let mut texts = Vec::new();
     for clipped in shapes {
         collect_texts(&clipped.shape, clipped.clip_rect, &mut texts);

@@ -16,8 +16,11 @@ use crate::view::panels::{PANES, Pane, PanelId};
 use crate::view::selection::Selection;
 use crate::view::source::live::LiveSource;
 
-/// Difference of a colour channel that counts, of 255: rounding differs between processors.
-const CHANNEL_TOLERANCE: u8 = 12;
+/// Levels of a colour channel in the stored pictures: these are half as large as with 256 levels.
+const STORED_LEVELS: f32 = 16.0;
+/// Difference of a colour channel from the stored one that counts, of 255: half a stored level, and 6 for rounding, which
+/// may differ between processors.
+const CHANNEL_TOLERANCE: u8 = 15;
 /// Pixels that may differ by more: fewer than a digit has.
 const DIFFERENT_PIXELS_MAX: usize = 8;
 /// Stores changed pictures instead of refusing them.
@@ -140,12 +143,18 @@ fn check(name: &str, drawn: &RgbImage) {
     );
 }
 
+/// Writes a picture with [`STORED_LEVELS`].
 fn write_png(path: &Path, picture: &RgbImage) {
     use image::codecs::png::{CompressionType, FilterType, PngEncoder};
     std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
     let file = std::fs::File::create(path).expect("a file");
     let encoder = PngEncoder::new_with_quality(file, CompressionType::Best, FilterType::Adaptive);
-    picture.write_with_encoder(encoder).expect("written");
+    let step = 255.0 / (STORED_LEVELS - 1.0);
+    let mut stored = picture.clone();
+    for channel in stored.iter_mut() {
+        *channel = ((f32::from(*channel) / step).round() * step).round() as u8;
+    }
+    stored.write_with_encoder(encoder).expect("written");
 }
 
 #[test]
@@ -183,13 +192,13 @@ fn picture_with_one_other_digit_is_refused() {
 
 #[test]
 fn camera_is_drawn_as_stored() {
-    let mut panel = DrawnPanel::of_run(Pane::Camera, [420, 400]);
+    let mut panel = DrawnPanel::of_run(Pane::Camera, [380, 360]);
     check("camera", &panel.draw());
 }
 
 #[test]
 fn classes_and_scan_pixels_are_drawn_as_stored() {
-    let mut panel = DrawnPanel::of_run(Pane::Camera, [420, 400]);
+    let mut panel = DrawnPanel::of_run(Pane::Camera, [380, 360]);
     let layers = &mut panel.view().panels.camera.layers;
     (layers.image, layers.classes, layers.grid) = (false, true, true);
     wait_for_layer(&mut panel, |layers| layers.classes.is_some());
@@ -198,7 +207,7 @@ fn classes_and_scan_pixels_are_drawn_as_stored() {
 
 #[test]
 fn birds_eye_view_is_drawn_as_stored() {
-    let mut panel = DrawnPanel::of_run(Pane::Camera, [420, 380]);
+    let mut panel = DrawnPanel::of_run(Pane::Camera, [340, 330]);
     panel.view().panels.camera.birds_eye = true;
     wait_for_layer(&mut panel, |layers| layers.birds_eye.is_some());
     check("camera_birds_eye", &panel.draw());
@@ -246,7 +255,7 @@ fn plots_are_drawn_as_stored() {
 
 #[test]
 fn other_kinds_of_plots_are_drawn_as_stored() {
-    let mut panel = DrawnPanel::of_run(Pane::Plots, [560, 480]);
+    let mut panel = DrawnPanel::of_run(Pane::Plots, [560, 760]);
     let plots = PlotConfig::one_of_each_kind(["= 100 * {position error}", "std y"]);
     panel.view().panels.plots.set_plots(plots);
     panel.wait("the formula", |view| {
@@ -258,8 +267,9 @@ fn other_kinds_of_plots_are_drawn_as_stored() {
 
 #[test]
 fn timeline_is_drawn_as_stored() {
-    let mut panel = DrawnPanel::of_run(Pane::Timeline, [560, 260]);
-    panel.view().session.open_beside(drawn_log());
+    let mut panel = DrawnPanel::of_run(Pane::Timeline, [560, 150]);
+    let opened = panel.view().session.open_beside(drawn_log());
+    opened.expect("a second run");
     panel.view().session.add_mark("ball lost");
     panel.wait("the other run", |view| {
         view.session.others[0].series.samples().len() == 20
@@ -291,7 +301,7 @@ fn simulator_is_drawn_as_stored() {
 
 #[test]
 fn calibration_is_drawn_as_stored() {
-    let mut panel = DrawnPanel::of_run(Pane::Calibration, [520, 760]);
+    let mut panel = DrawnPanel::of_run(Pane::Calibration, [520, 560]);
     check("calibration", &panel.draw());
 }
 
@@ -307,20 +317,20 @@ fn parameters_are_drawn_as_stored() {
 
 #[test]
 fn health_is_drawn_as_stored() {
-    let mut panel = DrawnPanel::of_run(Pane::Health, [640, 330]);
+    let mut panel = DrawnPanel::of_run(Pane::Health, [640, 260]);
     check("health", &panel.draw());
 }
 
 #[test]
 fn findings_are_drawn_as_stored() {
-    let mut panel = DrawnPanel::of_run(Pane::Findings, [560, 300]);
+    let mut panel = DrawnPanel::of_run(Pane::Findings, [560, 160]);
     panel.click("Next moment");
     check("findings", &panel.draw());
 }
 
 #[test]
 fn details_are_drawn_as_stored() {
-    let mut panel = DrawnPanel::of_run(Pane::Details, [520, 360]);
+    let mut panel = DrawnPanel::of_run(Pane::Details, [400, 280]);
     panel.view().session.selection = Some(Selection::Estimate);
     panel.harness.run_steps(1);
     panel.wait("the history", |view| {

@@ -7,7 +7,8 @@ use crate::view::time_series::Quantity;
 #[test]
 fn second_log_follows_the_timeline_and_can_be_moved() {
     let mut harness = open_demo_log(PanelLayout::Watch);
-    harness.state_mut().session.open_beside(log());
+    let opened = harness.state_mut().session.open_beside(log());
+    opened.expect("a second run");
     harness.state_mut().session.seek(0.5);
     step_until(&mut harness, "both runs", |view| {
         let session = &view.session;
@@ -39,8 +40,8 @@ fn second_log_follows_the_timeline_and_can_be_moved() {
 #[test]
 fn scenario_beside_a_run_is_refused_with_a_reason() {
     let mut session = Session::open(log()).expect("a session");
-    session.open_beside(&scenario());
-    let error = session.last_error.expect("an error");
+    let refused = session.open_beside(&scenario()).expect_err("an error");
+    let error = refused.to_string();
     assert!(error.contains("only a log or a robot's stream"), "{error}");
     assert!(session.others.is_empty());
 }

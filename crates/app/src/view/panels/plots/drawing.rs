@@ -24,6 +24,12 @@ const VALUE_AXIS_WIDTH: f32 = 52.0;
 const VALUE_MARK_SPACING: f32 = 17.0;
 /// Distance at which labels of the value axis appear, and at which they are opaque, points.
 const VALUE_LABEL_SPACING: std::ops::RangeInclusive<f32> = 8.0..=14.0;
+/// Least distance of the marks below a plot, in those of the value axis: a number is wider than high.
+const MARK_STRIDE: f64 = 3.0;
+/// Distance at which labels below a plot appear, and at which they are opaque, points.
+const LABEL_SPACING: std::ops::RangeInclusive<f32> = 20.0..=30.0;
+/// Least height of a plot with a title beside its value axis, points.
+const TITLED_HEIGHT_MIN: f32 = 130.0;
 /// Most marks of an axis.
 const MARKS_MAX: f64 = 1000.0;
 /// Scrolled points per zoom factor of e.
@@ -99,6 +105,7 @@ impl PlotArea {
             .formatter(move |mark, _| text(mark.value));
         Plot::new(name.to_owned())
             .custom_y_axes(vec![values])
+            .custom_x_axes(vec![below("")])
             .height(self.height)
             // Filling the background costs a software renderer more than the curves.
             .show_background(false)
@@ -108,6 +115,7 @@ impl PlotArea {
             .allow_boxed_zoom(false)
             .allow_double_click_reset(false)
             .y_grid_spacer(value_marks)
+            .x_grid_spacer(marks_below)
             .grid_spacing(VALUE_MARK_SPACING..=160.0)
     }
 
@@ -220,8 +228,9 @@ impl PlotArea {
         let time = session.playback.time;
         let now = [across.curve.at(time), up.curve.at(time)];
         self.plot("against")
-            .x_axis_label(axis_title(across))
+            .custom_x_axes(vec![below(&axis_title(across))])
             .y_axis_label(axis_title(up))
+            .height(self.height.max(TITLED_HEIGHT_MIN))
             .show(ui, |plot| {
                 let dots = Points::new(up.name, PlotPoints::from(points)).radius(1.2);
                 plot.points(dots.color(up.colour));
@@ -248,8 +257,9 @@ impl PlotArea {
         let charts: Vec<BarChart> = charts.collect();
         let title = curves.first().map_or("", |one| one.unit);
         self.plot("histogram")
-            .x_axis_label(title)
+            .custom_x_axes(vec![below(title)])
             .y_axis_label("samples")
+            .height(self.height.max(TITLED_HEIGHT_MIN))
             .show(ui, |plot| {
                 for chart in charts {
                     plot.bar_chart(chart);
@@ -272,7 +282,7 @@ impl PlotArea {
             .map(|one| line(one.name, &all(one.curve), one.colour, 1.4))
             .collect();
         self.plot_with_values("spectrum", move |value| axis_value(value, logarithmic))
-            .x_axis_label("Hz")
+            .custom_x_axes(vec![below("Hz")])
             .show(ui, |plot| {
                 for line in lines {
                     plot.line(line);
@@ -366,6 +376,25 @@ fn value_marks(input: GridInput) -> Vec<GridMark> {
             step_size: step,
         })
         .collect()
+}
+
+/// The axis below a plot.
+fn below<'a>(title: &str) -> AxisHints<'a> {
+    let axis = AxisHints::new_x().label_spacing(LABEL_SPACING);
+    let axis = axis.formatter(|mark, _| axis_value(mark.value, false));
+    if title.is_empty() {
+        axis
+    } else {
+        axis.label(title)
+    }
+}
+
+/// Marks of the axis below a plot: as those of the value axis, but farther apart.
+fn marks_below(input: GridInput) -> Vec<GridMark> {
+    value_marks(GridInput {
+        base_step_size: MARK_STRIDE * input.base_step_size,
+        ..input
+    })
 }
 
 fn axis_value(value: f64, logarithmic: bool) -> String {
