@@ -16,6 +16,7 @@ mod device_monitor;
 mod dialogs;
 mod dropped_files;
 mod file_dialog;
+mod frame_pacing;
 mod frame_rate;
 mod inverse_ground_map;
 mod keyboard_pointer;

@@ -11,6 +11,7 @@ use pipeline::PipelineConfig;
 
 use super::current_panel::CurrentPanel;
 use super::file_dialog::FileDialog;
+use super::frame_pacing::{FRAME_INTERVAL, FramePacer};
 use super::frame_rate::FrameRateCounter;
 use super::keyboard_pointer::KeyboardPointer;
 use super::layer_worker::{LayerSelection, LayerWorker};
@@ -27,8 +28,6 @@ use super::undo::{Edited, UndoHistory};
 
 /// Repaint interval while nothing plays.
 const IDLE_REPAINT_INTERVAL: Duration = Duration::from_millis(100);
-/// Least interval between frames while something plays: 60 frames per second.
-pub(crate) const FRAME_INTERVAL: Duration = Duration::from_millis(16);
 /// Files kept in the list of recent ones.
 const RECENT_FILES_MAX: usize = 12;
 
@@ -62,6 +61,7 @@ pub(crate) struct View {
     layer_worker: Option<LayerWorker>,
     /// Start of the last frame; also read by the repaint callback.
     last_frame_start: Arc<Mutex<Option<Instant>>>,
+    frame_pacer: FramePacer,
     pub(crate) frame_rate: FrameRateCounter,
     /// Requested screenshots that egui has not delivered yet.
     pub(crate) pending_screenshots: Vec<ScreenshotTarget>,
@@ -90,6 +90,7 @@ impl View {
             config_text: None,
             layer_worker: None,
             last_frame_start: Arc::default(),
+            frame_pacer: FramePacer::default(),
             frame_rate: FrameRateCounter::default(),
             pending_screenshots: Vec::new(),
             screenshot_image: Arc::default(),
@@ -196,7 +197,7 @@ impl View {
         let live = matches!(self.session.source, Source::Live(_));
         let plays = self.session.playback.playing && !live;
         ui.ctx().request_repaint_after(if plays {
-            FRAME_INTERVAL
+            self.frame_pacer.delay(now, Instant::now())
         } else {
             IDLE_REPAINT_INTERVAL
         });
