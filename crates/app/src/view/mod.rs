@@ -18,6 +18,7 @@ mod dropped_files;
 mod file_dialog;
 mod frame_pacing;
 mod frame_rate;
+mod ground_placement;
 mod inverse_ground_map;
 mod keyboard_pointer;
 mod labels;

@@ -24,6 +24,9 @@ const BARB_SHARE: f32 = 0.25;
 /// Longest barb, points.
 const BARB_MAX: f32 = 9.0;
 
+/// Area from which a rectangle is drawn with a texture of its own, square points.
+const LARGE_AREA: f32 = 4096.0;
+
 /// A painter that collects what it can in one mesh, and keeps the order of everything drawn.
 pub(crate) struct Pen {
     painter: Painter,
@@ -108,10 +111,18 @@ impl Pen {
 
     /// Fills a rectangle.
     pub(crate) fn rect(&self, area: Rect, colour: Color32) {
-        if self.clip_rect().intersects(area) {
-            let uv = Rect::from_min_max(texture::SOLID_UV, texture::SOLID_UV);
-            self.with_mesh(|mesh| mesh.add_rect_with_uv(area, uv, colour));
+        let visible = self.clip_rect().intersect(area);
+        if !visible.is_positive() {
+            return;
         }
+        let uv = Rect::from_min_max(texture::SOLID_UV, texture::SOLID_UV);
+        if visible.area() < LARGE_AREA {
+            return self.with_mesh(|mesh| mesh.add_rect_with_uv(area, uv, colour));
+        }
+        // Its own mesh, above what was drawn so far.
+        let mut mesh = Mesh::with_texture(texture::solid_id(self.painter().ctx()));
+        mesh.add_rect_with_uv(visible, uv, colour);
+        self.painter.add(Shape::mesh(mesh));
     }
 
     /// Draws the rim of a rectangle.

@@ -63,7 +63,9 @@ impl CameraCanvas<'_> {
 
     /// Rings the selected object.
     pub(crate) fn draw_selection(&self, selection: Option<Selection>, birds_eye: bool) {
-        let place = selection.and_then(|selection| selection.place(self.cycle));
+        let height = self.scene.camera.as_ref();
+        let height = height.map(|camera| camera.viewpoint_height);
+        let place = selection.and_then(|selection| selection.place(self.cycle, height));
         let Some((place, pose)) = place.zip(self.cycle.estimate.pose) else {
             return;
         };

@@ -8,6 +8,7 @@ use pipeline::Cycle;
 use super::field_drawing::{self as drawing, FieldTransform};
 use super::field_layers::FieldLayers;
 use super::field_marks;
+use crate::view::ground_placement::GroundPlacement;
 use crate::view::labels::Labels;
 use crate::view::palette;
 use crate::view::pen::Pen;
@@ -63,6 +64,7 @@ impl FieldCanvas<'_> {
             pen,
             screen,
             layers,
+            session,
             ..
         } = *self;
         let estimate = &cycle.estimate;
@@ -86,9 +88,11 @@ impl FieldCanvas<'_> {
         let Some(pose) = estimate.pose else {
             return;
         };
-        if layers.line_points {
+        let seen = GroundPlacement::of(cycle, session.viewpoint_height());
+        if let (true, Some(seen)) = (layers.line_points, seen) {
             for point in &cycle.line_points {
-                pen.disc(screen.to_screen(pose * point.at), 1.8, palette::LINE_POINT);
+                let place = screen.to_screen(seen.place(point.at));
+                pen.disc(place, 1.8, palette::LINE_POINT);
             }
         }
         drawing::draw_robot(pen, screen, pose, palette::ESTIMATE, 2.2);
@@ -108,6 +112,7 @@ impl FieldCanvas<'_> {
             pen,
             screen,
             layers,
+            session,
             ..
         } = *self;
         if !layers.objects {
@@ -124,16 +129,21 @@ impl FieldCanvas<'_> {
                 pen.circle(screen.to_screen(ball), radius, (1.5, palette::BALL));
             }
         }
-        let (Some(pose), Some(detections)) = (cycle.estimate.pose, &cycle.detections) else {
+        let seen = GroundPlacement::of(cycle, session.viewpoint_height());
+        let (Some(seen), Some(detections)) = (seen, &cycle.detections) else {
             return;
         };
         for robot in &detections.robots {
             let radius = (0.6 * drawing::ROBOT_RADIUS * scale).max(3.0);
-            pen.disc(screen.to_screen(pose * robot.at), radius, palette::ROBOT);
+            pen.disc(
+                screen.to_screen(seen.place(robot.at)),
+                radius,
+                palette::ROBOT,
+            );
         }
         if let Some(ball) = &detections.ball {
             let radius = (drawing::BALL_RADIUS * scale).max(3.0);
-            pen.disc(screen.to_screen(pose * ball.at), radius, palette::BALL);
+            pen.disc(screen.to_screen(seen.place(ball.at)), radius, palette::BALL);
         }
     }
 

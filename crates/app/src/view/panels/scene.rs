@@ -9,6 +9,7 @@ use pipeline::Cycle;
 
 use super::field_drawing::{BALL_RADIUS, ROBOT_RADIUS, marking_segments};
 use super::scene_camera::{Point, Projection, SceneCamera};
+use crate::view::ground_placement::GroundPlacement;
 use crate::view::labels::Labels;
 use crate::view::palette;
 use crate::view::panel_command::PanelCommand;
@@ -210,7 +211,8 @@ impl Canvas<'_> {
                 );
             }
         }
-        let Some(pose) = cycle.estimate.pose else {
+        let seen = GroundPlacement::of(cycle, viewpoint_height);
+        let (Some(pose), Some(seen)) = (cycle.estimate.pose, seen) else {
             return;
         };
         self.draw_robot(pose, palette::ESTIMATE, 1.8);
@@ -219,19 +221,19 @@ impl Canvas<'_> {
             self.ring(top, MIRROR_RADIUS, Stroke::new(1.5, Color32::WHITE));
         }
         for point in &cycle.line_points {
-            if let Some(at) = self.projection.point(floor(pose * point.at)) {
+            if let Some(at) = self.projection.point(floor(seen.place(point.at))) {
                 self.pen.disc(at, 1.5, palette::LINE_POINT);
             }
         }
         if let Some(detections) = &cycle.detections {
             for robot in &detections.robots {
-                let at = pose * robot.at;
+                let at = seen.place(robot.at);
                 let stroke = Stroke::new(1.6, palette::ROBOT);
                 self.ring(floor(at), ROBOT_RADIUS, stroke);
                 self.ring([at.x, at.y, ROBOT_HEIGHT], ROBOT_RADIUS, stroke);
             }
             if let Some(ball) = &detections.ball {
-                let at = pose * ball.at;
+                let at = seen.place(ball.at);
                 self.sphere([at.x, at.y, BALL_RADIUS], BALL_RADIUS, palette::BALL, true);
             }
         }

@@ -10,6 +10,7 @@ use localize::omni::Twist;
 use localize::robot::ExposureSetting;
 use localize::sample::{Imu, LinePoint};
 use localize::team::{TeamBall, TeamView, Teammate};
+use localize::tilt::map_from_ground;
 use localize::world::{FieldState, TeamColour, TrackedObject, WorldView};
 use localize::{At, FieldFrame, Stamp};
 use nalgebra::{Matrix3, Matrix4, Vector3};
@@ -34,6 +35,8 @@ const LOST: usize = 9;
 const WRONG: std::ops::Range<usize> = 13..16;
 /// Distances at which line points and objects are seen, metres.
 const SEEN: std::ops::Range<f32> = 0.5..5.5;
+/// Tilt of the robot (a, b), radians: what it sees lies beside its place on the upright map.
+const TILT: [f32; 2] = [0.004, -0.003];
 /// Spacing of the line points along the markings, metres.
 const POINT_SPACING: f32 = 0.25;
 
@@ -173,7 +176,7 @@ fn estimate(number: usize, stamp: Stamp, truth: Pose) -> Estimate {
         mode: Mode::Tracking,
         inlier_rms: 0.03 + 0.01 * wave(number, 1.5),
         inlier_share: 0.93 + 0.05 * wave(number, 2.5),
-        tilt: [0.002, -0.001],
+        tilt: TILT,
         twist: Some(Twist {
             x: 1.5,
             y: -0.4,
@@ -223,8 +226,9 @@ fn detections(
     let seen = |at: At<FieldFrame>| {
         let ground = robot_from_field * at;
         let range = ground.x.hypot(ground.y);
-        let pixel = camera.project(ground, [0.0; 2], None)?;
-        SEEN.contains(&range).then_some((ground, pixel))
+        let pixel = camera.project(ground, TILT, None)?;
+        let [x, y] = map_from_ground([ground.x, ground.y], TILT, camera.viewpoint_height)?;
+        SEEN.contains(&range).then_some((At::new(x, y), pixel))
     };
     let line_point = |(place, at): (usize, At<FieldFrame>)| {
         let aside = 0.03 * wave(place + number, 0.0);

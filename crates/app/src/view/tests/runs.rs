@@ -1,6 +1,7 @@
 //! Several runs on one timeline, and the selected object.
 
 use super::*;
+use crate::view::ground_placement::GroundPlacement;
 use crate::view::selection::Selection;
 use crate::view::time_series::Quantity;
 
@@ -59,7 +60,8 @@ fn selected_object_is_listed_with_the_numbers_of_its_cycle() {
         Some(Selection::Estimate | Selection::Truth)
     ));
     let point = cycle.line_points.len() / 2;
-    session.select_at(pose * cycle.line_points[point].at, 0.1);
+    let placed = GroundPlacement::of(&cycle, session.viewpoint_height()).expect("a pose");
+    session.select_at(placed.place(cycle.line_points[point].at), 0.1);
     let Some(Selection::LinePoint(selected)) = session.selection else {
         panic!("{:?}", session.selection);
     };
@@ -73,4 +75,39 @@ fn selected_object_is_listed_with_the_numbers_of_its_cycle() {
         .session
         .select_at(localize::At::new(99.0, 99.0), 0.1);
     assert_eq!(harness.state().session.selection, None);
+}
+
+#[test]
+fn points_of_a_tilted_robot_are_placed_on_the_markings() {
+    let mut session = Session::open(log()).expect("a session");
+    // The cycle in which the robot tilts most.
+    let mut most: Option<(f32, Arc<Cycle>)> = None;
+    for _ in 0..28 {
+        let cycle = session.shown.as_ref().expect("a cycle").cycle.clone();
+        let [a, b] = cycle.estimate.tilt;
+        let tilt = a.hypot(b);
+        if cycle.estimate.pose.is_some() && most.as_ref().is_none_or(|(known, _)| tilt > *known) {
+            most = Some((tilt, cycle));
+        }
+        session.step(1);
+    }
+    let (tilt, cycle) = most.expect("a pose");
+    assert!(tilt > 0.005, "the drive tilts the robot: {tilt} rad");
+    let distances = &session.scene.as_ref().expect("a field").distances;
+    let median = |viewpoint_height| {
+        let seen = GroundPlacement::of(&cycle, viewpoint_height).expect("a pose");
+        let points = cycle.line_points.iter();
+        let places = points.map(|point| {
+            let at = seen.place(point.at);
+            distances.nearest(at.x, at.y).signed_distance.abs()
+        });
+        let mut off: Vec<f32> = places.collect();
+        off.sort_by(f32::total_cmp);
+        off[off.len() / 2]
+    };
+    let (upright, tilted) = (median(None), median(session.viewpoint_height()));
+    assert!(
+        tilted < 0.02 && tilted < 0.7 * upright,
+        "{upright} m, {tilted} m"
+    );
 }
