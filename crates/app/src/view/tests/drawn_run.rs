@@ -36,7 +36,7 @@ const WRONG: std::ops::Range<usize> = 13..16;
 /// Distances at which line points and objects are seen, metres.
 const SEEN: std::ops::Range<f32> = 0.5..5.5;
 /// Tilt of the robot (a, b), radians: what it sees lies beside its place on the upright map.
-const TILT: [f32; 2] = [0.004, -0.003];
+const TILT: [f32; 2] = [0.001, -0.001];
 /// Spacing of the line points along the markings, metres.
 const POINT_SPACING: f32 = 0.25;
 
