@@ -43,11 +43,14 @@ impl Labels {
         let wanted = anchor.anchor_size(at + offset, galley.size());
         let wanted = moved_into(wanted, visible);
         let mut placed = self.placed.borrow_mut();
-        let step = Vec2::new(0.0, wanted.height() + GAP);
-        // Above its place if that is free, else below, else farther away.
-        let shifts = (0..SHIFTS).flat_map(|times| [-times, times + 1]);
+        let step = wanted.size() + Vec2::splat(GAP);
+        // Above its place if that is free, else below, else farther away, else at its right or left.
+        let shifts = [0.0, 1.0, -1.0].into_iter().flat_map(|right| {
+            let rows = (0..SHIFTS).flat_map(|times| [-times, times + 1]);
+            rows.map(move |down| step * Vec2::new(right, f32::from(down)))
+        });
         let rect = shifts
-            .map(|times| moved_into(wanted.translate(f32::from(times) * step), visible))
+            .map(|shift| moved_into(wanted.translate(shift), visible))
             .find(|rect| !placed.iter().any(|(other, _)| other.intersects(*rect)))
             .unwrap_or(wanted);
         placed.push((rect, Some(galley)));
