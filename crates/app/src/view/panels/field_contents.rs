@@ -211,7 +211,8 @@ impl FieldCanvas<'_> {
             drawing::draw_trail(pen, screen, places, Stroke::new(1.6, colour));
             if let Some(cycle) = &other.cycle {
                 field_marks::draw_other_run(pen, screen, cycle, colour);
-                let first = pose.filter(|_| !other.is_another_robot(session));
+                let robot = session.source_config.team.number;
+                let first = pose.filter(|_| !other.is_another_robot(&session.source, robot));
                 self.label_other_run((&other.name, colour), cycle, first);
             }
         }

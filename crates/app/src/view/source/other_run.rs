@@ -15,7 +15,6 @@ use super::live::LiveSource;
 use super::log::LogPlayer;
 use super::metrics_reader::MetricsReader;
 use super::{Source, is_stream_address, remote};
-use crate::view::session::Session;
 use crate::view::time_series::{CycleMetrics, TimeSeries};
 
 /// A run that is shown beside the first one.
@@ -136,12 +135,12 @@ impl OtherRun {
         changed
     }
 
-    /// Is it a run of another robot than the first run? Otherwise their difference tells something.
-    pub(crate) fn is_another_robot(&self, first: &Session) -> bool {
+    /// Is it a run of another robot than the first run (its source, and its robot's number in the team)? Otherwise their
+    /// difference tells something.
+    pub(crate) fn is_another_robot(&self, first: &Source, first_robot: u32) -> bool {
         let is_live = |source: &Source| matches!(source, Source::Live(_));
-        let first_robot = first.source_config.team.number;
         // A robot has one stream: another stream at the same time is another robot's.
-        is_live(&self.source) && is_live(&first.source)
+        is_live(&self.source) && is_live(first)
             || self.robot.is_some_and(|robot| robot != first_robot)
     }
 

@@ -343,16 +343,6 @@ fn truncated_log_opens_up_to_its_last_whole_chunk() {
 }
 
 #[test]
-fn every_layout_is_drawn_with_and_without_a_log() {
-    for (preset, _) in super::layout::LAYOUTS {
-        let mut with = open_demo_log(preset);
-        with.run_steps(2);
-        let mut without = harness(Session::default(), preset);
-        without.run_steps(2);
-    }
-}
-
-#[test]
 fn simulation_worker_applies_a_kidnap() {
     let inbox = CycleInbox::default();
     let (worker, _) = SimWorker::start(&scenario(), None, PipelineConfig::default(), inbox.clone())

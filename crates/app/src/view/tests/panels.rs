@@ -67,3 +67,13 @@ fn no_text_of_a_panel_lies_on_another_one() {
     }
     assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
+
+#[test]
+fn every_layout_is_drawn_with_and_without_a_log() {
+    for (preset, _) in crate::view::layout::LAYOUTS {
+        let mut with = open_demo_log(preset);
+        with.run_steps(2);
+        let mut without = harness(Session::default(), preset);
+        without.run_steps(2);
+    }
+}
