@@ -223,7 +223,7 @@ def test_sigterm_closes_the_view_of_a_running_robot(display: str, tmp_path: Path
         hardware.wait(TIMEOUT_S)
     said = json.loads(out)
     assert run.returncode == 0
-    assert said["frames"] > 10 and said["wheels_stopped"]
+    assert said["frames"] > 0 and said["wheels_stopped"]
 
 
 def wait_for(path: Path) -> None:

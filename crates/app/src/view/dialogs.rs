@@ -41,20 +41,21 @@ impl View {
         self.dialog = None;
         match purpose {
             Purpose::Open => self.open(&path, ctx),
-            Purpose::OpenBeside => self.session.open_beside(&path),
+            Purpose::OpenBeside => self.open_beside(&path),
             Purpose::SaveScreenshot => {
                 self.request_screenshot(ctx, ScreenshotTarget::File(path));
             }
             Purpose::SaveReport => self.request_screenshot(ctx, ScreenshotTarget::Report(path)),
-            Purpose::LoadLayout => match SavedLayout::load(&path) {
-                Ok(saved) => self.restore_layout(saved),
-                Err(error) => self.session.last_error = Some(format!("{error:#}")),
-            },
+            Purpose::LoadLayout => {
+                let loaded = SavedLayout::load(&path);
+                if let Some(saved) = self.take_result(loaded) {
+                    self.restore_layout(saved);
+                }
+            }
             Purpose::SaveLayout => {
                 let saved = SavedLayout::of(self.layout, &self.tree, &self.panels);
-                match saved.save(&path) {
-                    Ok(()) => self.status_message = Some(format!("wrote {}", path.display())),
-                    Err(error) => self.session.last_error = Some(format!("{error:#}")),
+                if self.take_result(saved.save(&path)).is_some() {
+                    self.status_message = Some(format!("wrote {}", path.display()));
                 }
             }
         }

@@ -39,7 +39,7 @@ impl View {
             if let Some(message) = &self.status_message {
                 ui.weak(message);
             }
-            if let Some(error) = &self.session.last_error {
+            for error in self.problem.iter().chain(&self.session.last_error) {
                 ui.colored_label(palette::VERMILION, error);
             }
         });

@@ -14,10 +14,14 @@ mod current_panel;
 mod curves;
 mod device_monitor;
 mod dialogs;
+mod dropped_files;
 mod file_dialog;
+mod frame_pacing;
 mod frame_rate;
+mod ground_placement;
 mod inverse_ground_map;
 mod keyboard_pointer;
+mod labels;
 mod layer_worker;
 mod layout;
 mod layout_file;
@@ -123,10 +127,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         None => Session::default(),
     };
     for path in &args.beside {
-        session.open_beside(path);
-        if let Some(error) = session.last_error.take() {
-            bail!("{error}");
-        }
+        session.open_beside(path)?;
     }
     if let Some(at) = args.at {
         session.seek(at);

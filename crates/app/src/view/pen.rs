@@ -21,6 +21,11 @@ const CIRCLE_TOLERANCE: f32 = 0.1;
 /// Turn of an arrow's barbs against its shaft, radians, and their length as a share of the shaft.
 const BARB_ANGLE: f32 = TAU / 10.0;
 const BARB_SHARE: f32 = 0.25;
+/// Longest barb, points.
+const BARB_MAX: f32 = 9.0;
+
+/// Area from which a rectangle is drawn with a texture of its own, square points.
+const LARGE_AREA: f32 = 4096.0;
 
 /// A painter that collects what it can in one mesh, and keeps the order of everything drawn.
 pub(crate) struct Pen {
@@ -106,10 +111,18 @@ impl Pen {
 
     /// Fills a rectangle.
     pub(crate) fn rect(&self, area: Rect, colour: Color32) {
-        if self.clip_rect().intersects(area) {
-            let uv = Rect::from_min_max(texture::SOLID_UV, texture::SOLID_UV);
-            self.with_mesh(|mesh| mesh.add_rect_with_uv(area, uv, colour));
+        let visible = self.clip_rect().intersect(area);
+        if !visible.is_positive() {
+            return;
         }
+        let uv = Rect::from_min_max(texture::SOLID_UV, texture::SOLID_UV);
+        if visible.area() < LARGE_AREA {
+            return self.with_mesh(|mesh| mesh.add_rect_with_uv(area, uv, colour));
+        }
+        // Its own mesh, above what was drawn so far.
+        let mut mesh = Mesh::with_texture(texture::solid_id(self.painter().ctx()));
+        mesh.add_rect_with_uv(visible, uv, colour);
+        self.painter.add(Shape::mesh(mesh));
     }
 
     /// Draws the rim of a rectangle.
@@ -127,10 +140,11 @@ impl Pen {
     pub(crate) fn arrow(&self, from: Pos2, along: Vec2, stroke: impl Into<Stroke>) {
         let (tip, stroke) = (from + along, stroke.into());
         self.segment([from, tip], stroke);
+        let share = BARB_SHARE.min(BARB_MAX / along.length().max(1.0));
         let barbs = [BARB_ANGLE, -BARB_ANGLE].map(|angle| {
             let (sin, cos) = angle.sin_cos();
             let turned = Vec2::new(cos * along.x - sin * along.y, sin * along.x + cos * along.y);
-            tip - BARB_SHARE * turned
+            tip - share * turned
         });
         self.line([barbs[0], tip, barbs[1]], stroke);
     }

@@ -25,11 +25,26 @@ pub(super) const LINE_U: f32 = LINE_TEXELS as f32 / SIZE[0] as f32;
 
 /// The texture, which is made when it is first used.
 pub(super) fn id(ctx: &egui::Context) -> TextureId {
-    let key = egui::Id::unique("texture of the pen");
+    loaded(ctx, "pen", render, TextureOptions::LINEAR)
+}
+
+/// A texture of one texel, for large areas: a software renderer reads it in less time than a smoothed one.
+pub(super) fn solid_id(ctx: &egui::Context) -> TextureId {
+    let texel = || ColorImage::filled([1, 1], Color32::WHITE);
+    loaded(ctx, "solid", texel, TextureOptions::NEAREST)
+}
+
+fn loaded(
+    ctx: &egui::Context,
+    name: &'static str,
+    image: impl FnOnce() -> ColorImage,
+    options: TextureOptions,
+) -> TextureId {
+    let key = egui::Id::unique(("texture of the pen", name));
     if let Some(handle) = ctx.data(|data| data.get_temp::<TextureHandle>(key)) {
         return handle.id();
     }
-    let handle = ctx.load_texture("pen", render(), TextureOptions::LINEAR);
+    let handle = ctx.load_texture(name, image(), options);
     ctx.data_mut(|data| data.insert_temp(key, handle.clone()));
     handle.id()
 }

@@ -3,6 +3,8 @@
 use localize::frames::{At, FieldFrame};
 use pipeline::Cycle;
 
+use crate::view::ground_placement::GroundPlacement;
+
 /// A selected object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Selection {
@@ -24,7 +26,12 @@ pub(crate) enum Selection {
 
 impl Selection {
     /// What is near a place on the field; the nearest object within `radius` metres, small ones before large ones.
-    pub(crate) fn nearest(cycle: &Cycle, at: At<FieldFrame>, radius: f32) -> Option<Self> {
+    pub(crate) fn nearest(
+        cycle: &Cycle,
+        viewpoint_height: Option<f32>,
+        at: At<FieldFrame>,
+        radius: f32,
+    ) -> Option<Self> {
         let mut found: Vec<(f32, Selection)> = Vec::new();
         let mut consider = |place: Option<At<FieldFrame>>, size: f32, selection: Selection| {
             let distance = place.map(|place| place.distance_to(at));
@@ -33,7 +40,8 @@ impl Selection {
             }
         };
         for selection in Selection::all(cycle) {
-            consider(selection.place(cycle), selection.size(), selection);
+            let place = selection.place(cycle, viewpoint_height);
+            consider(place, selection.size(), selection);
         }
         found
             .into_iter()
@@ -45,7 +53,7 @@ impl Selection {
     pub(crate) fn next(of: Option<Self>, cycle: &Cycle, ahead: bool) -> Option<Self> {
         let mut all = Selection::all(cycle);
         all.retain(|object| {
-            !matches!(object, Selection::LinePoint(_)) && object.place(cycle).is_some()
+            !matches!(object, Selection::LinePoint(_)) && object.place(cycle, None).is_some()
         });
         let now = of.and_then(|of| all.iter().position(|object| *object == of));
         let next = match (now, ahead) {
@@ -82,8 +90,12 @@ impl Selection {
         }
     }
 
-    /// Where it is on the field in a cycle; None if the cycle does not hold it.
-    pub(crate) fn place(self, cycle: &Cycle) -> Option<At<FieldFrame>> {
+    /// Where it is on the field in a cycle; None if the cycle does not hold it. `viewpoint_height`: of the camera, metres.
+    pub(crate) fn place(
+        self,
+        cycle: &Cycle,
+        viewpoint_height: Option<f32>,
+    ) -> Option<At<FieldFrame>> {
         let estimate = &cycle.estimate;
         let detections = cycle.detections.as_ref();
         let on_robot = match self {
@@ -100,7 +112,7 @@ impl Selection {
             Selection::Robot(index) => detections?.robots.get(index)?.at,
             Selection::LinePoint(index) => cycle.line_points.get(index)?.at,
         };
-        Some(estimate.pose? * on_robot)
+        Some(GroundPlacement::of(cycle, viewpoint_height)?.place(on_robot))
     }
 
     /// Its title.

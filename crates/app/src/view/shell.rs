@@ -4,12 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use anyhow::Result;
 use eframe::egui::{self, Ui};
 use egui_tiles::Tree;
 use pipeline::PipelineConfig;
 
 use super::current_panel::CurrentPanel;
 use super::file_dialog::FileDialog;
+use super::frame_pacing::{FRAME_INTERVAL, FramePacer};
 use super::frame_rate::FrameRateCounter;
 use super::keyboard_pointer::KeyboardPointer;
 use super::layer_worker::{LayerSelection, LayerWorker};
@@ -26,8 +28,6 @@ use super::undo::{Edited, UndoHistory};
 
 /// Repaint interval while nothing plays.
 const IDLE_REPAINT_INTERVAL: Duration = Duration::from_millis(100);
-/// Least interval between frames while something plays: 60 frames per second.
-pub(crate) const FRAME_INTERVAL: Duration = Duration::from_millis(16);
 /// Files kept in the list of recent ones.
 const RECENT_FILES_MAX: usize = 12;
 
@@ -61,12 +61,15 @@ pub(crate) struct View {
     layer_worker: Option<LayerWorker>,
     /// Start of the last frame; also read by the repaint callback.
     last_frame_start: Arc<Mutex<Option<Instant>>>,
+    frame_pacer: FramePacer,
     pub(crate) frame_rate: FrameRateCounter,
     /// Requested screenshots that egui has not delivered yet.
     pub(crate) pending_screenshots: Vec<ScreenshotTarget>,
     screenshot_image: Arc<Mutex<Option<Arc<egui::ColorImage>>>>,
     /// Result of the last action, for the menu bar.
     pub(crate) status_message: Option<String>,
+    /// Why the last action of the user failed.
+    pub(crate) problem: Option<String>,
 }
 
 impl View {
@@ -87,10 +90,12 @@ impl View {
             config_text: None,
             layer_worker: None,
             last_frame_start: Arc::default(),
+            frame_pacer: FramePacer::default(),
             frame_rate: FrameRateCounter::default(),
             pending_screenshots: Vec::new(),
             screenshot_image: Arc::default(),
             status_message: None,
+            problem: None,
         }
     }
 
@@ -102,19 +107,37 @@ impl View {
 
     /// Opens another source.
     pub(crate) fn open(&mut self, path: &Path, ctx: &egui::Context) {
-        match Session::open(path) {
-            Ok(session) => {
-                // What the user has labelled outlives the source.
-                let calibration = std::mem::take(&mut self.session.calibration);
-                self.session = session;
-                self.session.calibration = calibration;
-                self.history = UndoHistory::default();
-                if path.exists() {
-                    self.remember_file(path);
-                }
-                self.repaint_on_cycle(ctx);
+        let Some(session) = self.take_result(Session::open(path)) else {
+            return;
+        };
+        // What the user has labelled outlives the source.
+        let calibration = std::mem::take(&mut self.session.calibration);
+        self.session = session;
+        self.session.calibration = calibration;
+        self.history = UndoHistory::default();
+        if path.exists() {
+            self.remember_file(path);
+        }
+        self.repaint_on_cycle(ctx);
+    }
+
+    /// Opens another source beside the run.
+    pub(crate) fn open_beside(&mut self, path: &Path) {
+        let opened = self.session.open_beside(path);
+        self.take_result(opened);
+    }
+
+    /// The value, if an action of the user succeeded; otherwise the problem is shown until another one succeeds.
+    pub(crate) fn take_result<T>(&mut self, result: Result<T>) -> Option<T> {
+        match result {
+            Ok(value) => {
+                self.problem = None;
+                Some(value)
             }
-            Err(error) => self.session.last_error = Some(format!("{error:#}")),
+            Err(error) => {
+                self.problem = Some(format!("{error:#}"));
+                None
+            }
         }
     }
 
@@ -174,14 +197,14 @@ impl View {
         let live = matches!(self.session.source, Source::Live(_));
         let plays = self.session.playback.playing && !live;
         ui.ctx().request_repaint_after(if plays {
-            FRAME_INTERVAL
+            self.frame_pacer.delay(now, Instant::now())
         } else {
             IDLE_REPAINT_INTERVAL
         });
     }
 
     /// Submits the visible layers to the layer worker, and takes its results.
-    fn update_layers(&mut self, ctx: &egui::Context) {
+    pub(super) fn update_layers(&mut self, ctx: &egui::Context) {
         let (camera, field) = self.panels.layer_selections();
         let camera_visible = layout::contains_pane(&self.tree, Pane::Camera);
         let selection = LayerSelection {
@@ -223,20 +246,6 @@ impl View {
         self.recent_files.retain(|known| *known != path);
         self.recent_files.insert(0, path);
         self.recent_files.truncate(RECENT_FILES_MAX);
-    }
-
-    /// Opens dropped files: the first one instead of the run, further ones beside it.
-    fn take_dropped_files(&mut self, ctx: &egui::Context) {
-        let (dropped, shifted) =
-            ctx.input(|input| (input.raw.dropped_files.clone(), input.modifiers.shift));
-        for (number, file) in dropped.into_iter().enumerate() {
-            let path = file.path().to_owned();
-            if number == 0 && !shifted {
-                self.open(&path, ctx);
-            } else {
-                self.session.open_beside(&path);
-            }
-        }
     }
 
     /// Records an edit once the pointer is released and no text is being typed.
@@ -306,9 +315,9 @@ impl View {
                 }
             };
             let (ScreenshotTarget::File(path) | ScreenshotTarget::Report(path)) = &target;
-            match result {
-                Ok(()) => self.status_message = Some(format!("wrote {}", path.display())),
-                Err(error) => self.session.last_error = Some(format!("{error:#}")),
+            let message = format!("wrote {}", path.display());
+            if self.take_result(result).is_some() {
+                self.status_message = Some(message);
             }
         }
     }

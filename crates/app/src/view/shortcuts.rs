@@ -21,8 +21,8 @@ fn matches((modifiers, bound, _): &Binding, key: Key, mut held: Modifiers) -> bo
 
 /// True if the binding holds while a button or a field has the focus.
 fn acts_while_focused((modifiers, key, action): &Binding, typing: bool) -> bool {
-    // A text field has an undo of its own.
-    let edits = typing && matches!(action, Action::Undo | Action::Redo);
+    // A text field has an undo of its own, and Ctrl+W deletes a word.
+    let edits = typing && matches!(action, Action::Undo | Action::Redo | Action::ClosePanel);
     (modifiers.command && !edits) || (modifiers.alt && !typing) || matches!(key, Key::F1 | Key::F6)
 }
 
@@ -77,7 +77,7 @@ pub(crate) fn show_shortcut_list(ctx: &egui::Context, open: &mut bool) {
                     });
                 }
                 ui.weak(
-                    "While a button or a field has the focus, only keys with Ctrl, Alt and F act.",
+                    "While a button or a field has the focus, only keys with Ctrl, Alt and F act. In a text field Ctrl+W, Ctrl+Y and Ctrl+Z edit the text.",
                 );
             });
         });

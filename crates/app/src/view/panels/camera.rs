@@ -1,6 +1,5 @@
 //! Camera panel: the image, or the bird's-eye view, with detections, rejected candidates and pixel layers.
 
-use std::cell::RefCell;
 use std::sync::Arc;
 
 use eframe::egui::{
@@ -17,6 +16,7 @@ use super::carpet_boundary::CarpetBoundary;
 use super::projected_markings::ProjectedMarkings;
 use crate::view::birds_eye::BIRDS_EYE_SIDE_PX;
 use crate::view::brush::Tool;
+use crate::view::labels::Labels;
 use crate::view::layer_worker::LayerSelection;
 use crate::view::panzoom::{PanZoom, ScreenTransform, fill_around};
 use crate::view::pen::Pen;
@@ -202,7 +202,7 @@ impl CameraPanel {
                 layers: &self.layers,
                 projected: &self.projected,
                 boundary: &self.boundary,
-                labels: RefCell::default(),
+                labels: Labels::default(),
                 virtual_sensors: session
                     .rendered_layers
                     .virtual_sensors

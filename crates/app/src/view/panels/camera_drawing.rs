@@ -1,10 +1,8 @@
 //! Vector marks over the camera image and the bird's-eye view: points, objects and projected lines.
 
-use std::cell::RefCell;
 use std::f32::consts::TAU;
-use std::sync::Arc;
 
-use eframe::egui::{Align2, Color32, FontId, Galley, Pos2, Rect, Stroke, Ui, Vec2};
+use eframe::egui::{Align2, Color32, FontId, Pos2, Rect, Stroke, Ui, Vec2};
 use localize::At;
 use localize::frames::RobotFrame;
 use localize::world::TeamColour;
@@ -17,6 +15,7 @@ use super::carpet_boundary::CarpetBoundary;
 use super::field_marks::draw_selection;
 use super::projected_markings::ProjectedMarkings;
 use crate::view::birds_eye::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
+use crate::view::labels::Labels;
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
 use crate::view::pen::Pen;
@@ -28,8 +27,8 @@ use pipeline::Cycle;
 const RINGS: [f32; 7] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0];
 /// Segments of a ring.
 const RING_STEPS: usize = 96;
-/// Places that a label tries on either side.
-const LABEL_SHIFTS: i8 = 5;
+/// Room between a thing and its label, points.
+const LABEL_OFFSET: Vec2 = Vec2::new(0.0, -10.0);
 /// Bearing rays of the ground grid.
 const RAYS: usize = 12;
 
@@ -44,8 +43,7 @@ pub(crate) struct CameraCanvas<'a> {
     pub(crate) projected: &'a ProjectedMarkings,
     /// Where the carpet ends in it.
     pub(crate) boundary: &'a CarpetBoundary,
-    /// Labels with their places, which are drawn last: another one moves aside.
-    pub(crate) labels: RefCell<Vec<(Rect, Arc<Galley>)>>,
+    pub(crate) labels: Labels,
     /// Names and windows of the virtual sensors.
     pub(crate) virtual_sensors: &'a [(&'static str, ImageRect)],
 }
@@ -65,7 +63,9 @@ impl CameraCanvas<'_> {
 
     /// Rings the selected object.
     pub(crate) fn draw_selection(&self, selection: Option<Selection>, birds_eye: bool) {
-        let place = selection.and_then(|selection| selection.place(self.cycle));
+        let height = self.scene.camera.as_ref();
+        let height = height.map(|camera| camera.viewpoint_height);
+        let place = selection.and_then(|selection| selection.place(self.cycle, height));
         let Some((place, pose)) = place.zip(self.cycle.estimate.pose) else {
             return;
         };
@@ -98,39 +98,16 @@ impl CameraCanvas<'_> {
     }
 
     fn label(&self, at: Pos2, text: String, colour: Color32) {
-        let font = FontId::proportional(12.0);
-        let place = at + Vec2::new(0.0, -10.0);
-        let galley = self.pen.layout(text, font, colour);
-        let wanted = Align2::CENTER_BOTTOM.anchor_size(place, galley.size());
-        let mut drawn = self.labels.borrow_mut();
-        let step = Vec2::new(0.0, wanted.height() + 3.0);
-        // Above its place if that is free, else below, else farther away.
-        let shifts = (0..LABEL_SHIFTS).flat_map(|times| [-times, times + 1]);
-        let rect = shifts
-            .map(|times| wanted.translate(f32::from(times) * step))
-            .find(|rect| !drawn.iter().any(|(other, _)| other.intersects(*rect)))
-            .unwrap_or(wanted);
-        drawn.push((rect, galley));
-    }
-
-    /// Draws the labels over everything else.
-    fn draw_labels(&self) {
-        let labels = self.labels.take();
-        for (rect, _) in &labels {
-            self.pen
-                .rect(rect.expand(1.0), Color32::from_black_alpha(150));
-        }
-        let painter = self.pen.painter();
-        for (rect, galley) in labels {
-            painter.galley(rect.min, galley, Color32::WHITE);
-        }
+        let place = (at, LABEL_OFFSET);
+        self.labels
+            .add(self.pen, place, Align2::CENTER_BOTTOM, text, colour);
     }
 }
 
 /// Draws the marks over the camera image.
 pub(crate) fn draw_image_overlay(canvas: &CameraCanvas<'_>) {
     draw_image_marks(canvas);
-    canvas.draw_labels();
+    canvas.labels.draw(canvas.pen);
 }
 
 fn draw_image_marks(canvas: &CameraCanvas<'_>) {
@@ -228,7 +205,7 @@ fn objects(canvas: &CameraCanvas<'_>) {
 /// Draws the marks over the bird's-eye view.
 pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
     draw_birds_eye_marks(canvas);
-    canvas.draw_labels();
+    canvas.labels.draw(canvas.pen);
 }
 
 fn draw_birds_eye_marks(canvas: &CameraCanvas<'_>) {

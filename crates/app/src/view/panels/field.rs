@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use eframe::egui::{
-    self, Align2, Color32, ColorImage, FontId, Pos2, Rect, Sense, TextureHandle, TextureOptions,
-    Ui, Vec2,
+    self, Color32, ColorImage, FontId, Pos2, Rect, Sense, TextureHandle, TextureOptions, Ui, Vec2,
 };
 use localize::At;
 
@@ -13,6 +12,7 @@ use super::field_drag::FieldDrag;
 use super::field_drawing::{self as drawing, FieldTransform};
 use super::field_layers::{FieldBackground, FieldLayers};
 use super::field_marks;
+use crate::view::labels::Labels;
 use crate::view::layer_worker::LayerSelection;
 use crate::view::palette;
 use crate::view::panzoom::{PanZoom, fill_around};
@@ -82,11 +82,20 @@ impl FieldPanel {
         fill_around(&pen, response.rect, carpet, palette::FLOOR);
         let has_layer = self.draw_background(ui, pen.painter(), session, (&scene, &screen));
         drawing::draw_field(&pen, &screen, &scene.field, !has_layer);
+        let status = pen.layout(
+            status_text(session),
+            FontId::proportional(13.0),
+            Color32::WHITE,
+        );
+        let status_place = response.rect.left_top() + Vec2::new(6.0, 4.0);
+        let labels = Labels::default();
+        labels.keep_free(Rect::from_min_size(status_place, status.size()));
         let canvas = FieldCanvas {
             pen: &pen,
             screen: &screen,
             layers: &self.layers,
             session,
+            labels: &labels,
         };
         canvas.draw_trails();
         if let Some(now) = &session.shown {
@@ -110,13 +119,8 @@ impl FieldPanel {
         }
         field_marks::draw_scale(&pen, &screen, response.rect);
         self.drag.draw_measurement(&pen, &screen);
-        pen.text(
-            response.rect.left_top() + Vec2::new(6.0, 4.0),
-            Align2::LEFT_TOP,
-            status_text(session),
-            FontId::proportional(13.0),
-            Color32::WHITE,
-        );
+        labels.draw(&pen);
+        pen.painter().galley(status_place, status, Color32::WHITE);
         match response.hover_pos() {
             Some(pointer) => {
                 let at = screen.to_field(pointer);

@@ -1,12 +1,15 @@
 //! What lies on the field: trails, estimate, truth, objects, team and other runs.
 
-use eframe::egui::Stroke;
-use localize::{At, Pose};
+use eframe::egui::{Align2, Color32, Stroke};
+use localize::frames::wrap_angle;
+use localize::{At, FieldFrame, Pose};
 use pipeline::Cycle;
 
 use super::field_drawing::{self as drawing, FieldTransform};
 use super::field_layers::FieldLayers;
 use super::field_marks;
+use crate::view::ground_placement::GroundPlacement;
+use crate::view::labels::Labels;
 use crate::view::palette;
 use crate::view::pen::Pen;
 use crate::view::session::Session;
@@ -17,6 +20,7 @@ pub(super) struct FieldCanvas<'a> {
     pub(super) screen: &'a FieldTransform,
     pub(super) layers: &'a FieldLayers,
     pub(super) session: &'a Session,
+    pub(super) labels: &'a Labels,
 }
 
 impl FieldCanvas<'_> {
@@ -27,6 +31,7 @@ impl FieldCanvas<'_> {
             screen,
             layers,
             session,
+            ..
         } = *self;
         if !layers.trail {
             return;
@@ -59,6 +64,7 @@ impl FieldCanvas<'_> {
             pen,
             screen,
             layers,
+            session,
             ..
         } = *self;
         let estimate = &cycle.estimate;
@@ -72,7 +78,7 @@ impl FieldCanvas<'_> {
                 let colour = palette::PURPLE;
                 drawing::draw_robot(pen, screen, other.pose, colour, 1.2);
                 let text = format!("{:.0} %", 100.0 * other.probability);
-                drawing::draw_text(pen, screen.to_screen(other.pose.origin()), &text, colour);
+                self.label(other.pose.origin(), text, colour);
             }
         }
         let truth = cycle.inputs.truth.as_ref().filter(|_| layers.truth);
@@ -82,9 +88,11 @@ impl FieldCanvas<'_> {
         let Some(pose) = estimate.pose else {
             return;
         };
-        if layers.line_points {
+        let seen = GroundPlacement::of(cycle, session.viewpoint_height());
+        if let (true, Some(seen)) = (layers.line_points, seen) {
             for point in &cycle.line_points {
-                pen.disc(screen.to_screen(pose * point.at), 1.8, palette::LINE_POINT);
+                let place = screen.to_screen(seen.place(point.at));
+                pen.disc(place, 1.8, palette::LINE_POINT);
             }
         }
         drawing::draw_robot(pen, screen, pose, palette::ESTIMATE, 2.2);
@@ -104,6 +112,7 @@ impl FieldCanvas<'_> {
             pen,
             screen,
             layers,
+            session,
             ..
         } = *self;
         if !layers.objects {
@@ -120,16 +129,21 @@ impl FieldCanvas<'_> {
                 pen.circle(screen.to_screen(ball), radius, (1.5, palette::BALL));
             }
         }
-        let (Some(pose), Some(detections)) = (cycle.estimate.pose, &cycle.detections) else {
+        let seen = GroundPlacement::of(cycle, session.viewpoint_height());
+        let (Some(seen), Some(detections)) = (seen, &cycle.detections) else {
             return;
         };
         for robot in &detections.robots {
             let radius = (0.6 * drawing::ROBOT_RADIUS * scale).max(3.0);
-            pen.disc(screen.to_screen(pose * robot.at), radius, palette::ROBOT);
+            pen.disc(
+                screen.to_screen(seen.place(robot.at)),
+                radius,
+                palette::ROBOT,
+            );
         }
         if let Some(ball) = &detections.ball {
             let radius = (drawing::BALL_RADIUS * scale).max(3.0);
-            pen.disc(screen.to_screen(pose * ball.at), radius, palette::BALL);
+            pen.disc(screen.to_screen(seen.place(ball.at)), radius, palette::BALL);
         }
     }
 
@@ -154,7 +168,7 @@ impl FieldCanvas<'_> {
             let [x, y, height] = flight.at;
             let at = screen.to_screen(At::new(x, y));
             let text = format!("{height:.1} m up");
-            drawing::draw_text(pen, at, &text, palette::BALL);
+            self.label(At::new(x, y), text, palette::BALL);
             if let Some(landing) = flight.landing {
                 let [x, y] = landing.at;
                 let end = screen.to_screen(At::new(x, y));
@@ -170,7 +184,7 @@ impl FieldCanvas<'_> {
             if let Some(pose) = mate.pose {
                 drawing::draw_robot(pen, screen, pose, palette::GREEN, 1.6);
                 let text = format!("{} ({:.1} s ago)", mate.robot, mate.age);
-                drawing::draw_text(pen, screen.to_screen(pose.origin()), &text, palette::GREEN);
+                self.label(pose.origin(), text, palette::GREEN);
             }
         }
     }
@@ -182,6 +196,7 @@ impl FieldCanvas<'_> {
             screen,
             layers,
             session,
+            ..
         } = *self;
         let at = session.shown_time().unwrap_or(session.playback.time);
         let from = at - if layers.trail { layers.trail_s } else { 0.0 };
@@ -195,9 +210,34 @@ impl FieldCanvas<'_> {
             let places = recent.iter().filter(|s| s.time <= at).map(|s| s.pose);
             drawing::draw_trail(pen, screen, places, Stroke::new(1.6, colour));
             if let Some(cycle) = &other.cycle {
-                field_marks::draw_other_run(pen, screen, (&other.name, colour), cycle, pose);
+                field_marks::draw_other_run(pen, screen, cycle, colour);
+                let robot = session.source_config.team.number;
+                let first = pose.filter(|_| !other.is_another_robot(&session.source, robot));
+                self.label_other_run((&other.name, colour), cycle, first);
             }
         }
+    }
+
+    /// Names another run at its pose, with its difference from the `first` one's if both are runs of one robot.
+    fn label_other_run(&self, (name, colour): (&str, Color32), cycle: &Cycle, first: Option<Pose>) {
+        let Some(pose) = cycle.estimate.pose else {
+            return;
+        };
+        let text = match first {
+            Some(first) => format!(
+                "{name}: {:.1} cm, {:.1}° apart",
+                100.0 * pose.origin().distance_to(first.origin()),
+                wrap_angle(pose.theta - first.theta).to_degrees().abs()
+            ),
+            None => name.to_owned(),
+        };
+        self.label(pose.origin(), text, colour);
+    }
+
+    fn label(&self, at: At<FieldFrame>, text: String, colour: Color32) {
+        let place = (self.screen.to_screen(at), drawing::LABEL_OFFSET);
+        self.labels
+            .add(self.pen, place, Align2::LEFT_BOTTOM, text, colour);
     }
 }
 

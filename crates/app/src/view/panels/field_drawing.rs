@@ -21,6 +21,8 @@ const ELLIPSE_STEPS: usize = 48;
 const SIGMAS_95_2D: f32 = 2.448;
 /// Floor shown around the carpet, metres: room for the goals.
 const RIM: f32 = 0.8;
+/// Place of a text beside a thing, points.
+pub(super) const LABEL_OFFSET: Vec2 = Vec2::new(8.0, -8.0);
 /// Radius of a robot, metres.
 pub(crate) const ROBOT_RADIUS: f32 = 0.25;
 /// Radius of a ball, metres.
@@ -251,7 +253,7 @@ pub(crate) fn draw_trail(
 /// Draws a text next to a position.
 pub(crate) fn draw_text(pen: &Pen, at: Pos2, text: &str, colour: Color32) {
     pen.text(
-        at + Vec2::new(8.0, -8.0),
+        at + LABEL_OFFSET,
         Align2::LEFT_BOTTOM,
         text,
         FontId::proportional(12.0),

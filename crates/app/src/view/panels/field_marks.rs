@@ -2,7 +2,6 @@
 
 use eframe::egui::{Align2, Color32, FontId, Pos2, Rect, RichText, Stroke, Ui, Vec2};
 use localize::Pose;
-use localize::frames::wrap_angle;
 use pipeline::Cycle;
 
 use super::field_drawing::{self as drawing, FieldTransform};
@@ -37,14 +36,8 @@ pub(super) fn draw_hovered_moment(
     }
 }
 
-/// Draws pose and ball of another run, and its difference from the first one's `pose`.
-pub(super) fn draw_other_run(
-    pen: &Pen,
-    screen: &FieldTransform,
-    (name, colour): (&str, Color32),
-    cycle: &Cycle,
-    pose: Option<Pose>,
-) {
+/// Draws pose and ball of another run.
+pub(super) fn draw_other_run(pen: &Pen, screen: &FieldTransform, cycle: &Cycle, colour: Color32) {
     let Some(other) = cycle.estimate.pose else {
         return;
     };
@@ -53,15 +46,6 @@ pub(super) fn draw_other_run(
         let radius = (drawing::BALL_RADIUS * screen.scale()).max(3.0);
         pen.circle(screen.to_screen(other * ball.at), radius, (1.5, colour));
     }
-    let text = match pose {
-        Some(pose) => format!(
-            "{name}: {:.1} cm, {:.1}° apart",
-            100.0 * other.origin().distance_to(pose.origin()),
-            wrap_angle(other.theta - pose.theta).to_degrees().abs()
-        ),
-        None => name.to_owned(),
-    };
-    drawing::draw_text(pen, screen.to_screen(other.origin()), &text, colour);
 }
 
 /// Draws the axes of the field frame and a bar of a round length, in the lower left corner.
@@ -71,7 +55,7 @@ pub(super) fn draw_scale(pen: &Pen, screen: &FieldTransform, area: Rect) {
         .find(|length| length * screen.scale() >= SCALE_POINTS_MIN)
         .unwrap_or(SCALE_LENGTHS[SCALE_LENGTHS.len() - 1]);
     let stroke = Stroke::new(1.5, Color32::WHITE);
-    let origin = area.left_bottom() + Vec2::new(14.0, -12.0);
+    let origin = area.left_bottom() + Vec2::new(14.0, -14.0);
     let font = FontId::proportional(11.0);
     let right = Vec2::new(length * screen.scale(), 0.0);
     pen.arrow(origin, right, stroke);

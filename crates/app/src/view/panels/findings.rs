@@ -87,7 +87,13 @@ impl FindingsPanel {
             for ((severity, name), hidden) in SEVERITIES.iter().zip(&mut self.hidden) {
                 let all = session.findings.all().iter();
                 let count = all.filter(|finding| finding.kind.severity() == *severity);
-                let text = RichText::new(format!("{} {name}", count.count()));
+                let count = count.count();
+                let name = if count == 1 {
+                    name.trim_end_matches('s')
+                } else {
+                    name
+                };
+                let text = RichText::new(format!("{count} {name}"));
                 let button = Button::selectable(!*hidden, text.color(colour(*severity)));
                 if ui.add(button).on_hover_text("Show or hide these").clicked() {
                     *hidden = !*hidden;

@@ -77,10 +77,15 @@ pub(crate) fn show(ui: &mut Ui, session: &mut Session) {
         let faulty = session.series.samples().iter().filter(|s| s.fault);
         let count = faulty.clone().count();
         if count > 0 {
+            let images = if count == 1 {
+                "1 image".to_owned()
+            } else {
+                format!("{count} images")
+            };
             let first = faulty.clone().next().map_or(0.0, |sample| sample.time);
             ui.colored_label(
                 palette::ORANGE,
-                format!("{count} images of this run could not be used, the first at {first:.2} s"),
+                format!("{images} of this run could not be used, the first at {first:.2} s"),
             );
         }
         if let Some(now) = &session.shown {

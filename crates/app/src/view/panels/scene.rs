@@ -2,18 +2,22 @@
 
 use std::f32::consts::TAU;
 
-use eframe::egui::{Align2, Color32, FontId, Sense, Shape, Stroke, Ui, Vec2};
+use eframe::egui::{Align2, Color32, Sense, Shape, Stroke, Ui, Vec2};
 use localize::frames::{At, FieldFrame};
 use localize::{Field, Pose};
 use pipeline::Cycle;
 
 use super::field_drawing::{BALL_RADIUS, ROBOT_RADIUS, marking_segments};
 use super::scene_camera::{Point, Projection, SceneCamera};
+use crate::view::ground_placement::GroundPlacement;
+use crate::view::labels::Labels;
 use crate::view::palette;
 use crate::view::panel_command::PanelCommand;
 use crate::view::pen::Pen;
 use crate::view::session::Session;
 
+/// Length of the drawn axes, metres.
+const AXIS: f32 = 2.0;
 /// Height of a robot, metres: the league's largest.
 const ROBOT_HEIGHT: f32 = 0.8;
 /// Height of a goal's bar, metres.
@@ -74,7 +78,8 @@ impl ScenePanel {
             pen: &pen,
             projection: self.camera.projection(response.rect),
         };
-        canvas.draw_field(&scene.field);
+        let labels = Labels::default();
+        canvas.draw_field(&scene.field, &labels);
         for (number, other) in session.others.iter().enumerate() {
             if let Some(pose) = other.pose() {
                 canvas.draw_robot(pose, palette::run_colour(number), 1.4);
@@ -88,6 +93,7 @@ impl ScenePanel {
                 canvas.draw_ray(pose, pose * ground, height);
             }
         }
+        labels.draw(&pen);
     }
 }
 
@@ -123,7 +129,7 @@ impl Canvas<'_> {
         }
     }
 
-    fn draw_field(&self, field: &Field) {
+    fn draw_field(&self, field: &Field, labels: &Labels) {
         let (x, y) = field.carpet_half_extent();
         let corners = [[x, y, 0.0], [-x, y, 0.0], [-x, -y, 0.0], [x, -y, 0.0]];
         let places: Vec<_> = corners
@@ -157,15 +163,14 @@ impl Canvas<'_> {
             self.line([back, half, 0.0], [back, -half, 0.0], stroke);
         }
         for (to, name) in [
-            ([1.0, 0.0, 0.0], "x 1 m"),
-            ([0.0, 1.0, 0.0], "y"),
-            ([0.0, 0.0, 1.0], "z"),
+            ([AXIS, 0.0, 0.0], format!("x {AXIS} m")),
+            ([0.0, AXIS, 0.0], "y".to_owned()),
+            ([0.0, 0.0, AXIS], "z".to_owned()),
         ] {
             self.line([0.0; 3], to, Stroke::new(1.0, Color32::WHITE));
             if let Some(at) = self.projection.point(to) {
-                let font = FontId::proportional(11.0);
-                self.pen
-                    .text(at, Align2::LEFT_BOTTOM, name, font, Color32::WHITE);
+                let place = (at, Vec2::ZERO);
+                labels.add(self.pen, place, Align2::LEFT_BOTTOM, name, Color32::WHITE);
             }
         }
     }
@@ -206,7 +211,8 @@ impl Canvas<'_> {
                 );
             }
         }
-        let Some(pose) = cycle.estimate.pose else {
+        let seen = GroundPlacement::of(cycle, viewpoint_height);
+        let (Some(pose), Some(seen)) = (cycle.estimate.pose, seen) else {
             return;
         };
         self.draw_robot(pose, palette::ESTIMATE, 1.8);
@@ -215,19 +221,19 @@ impl Canvas<'_> {
             self.ring(top, MIRROR_RADIUS, Stroke::new(1.5, Color32::WHITE));
         }
         for point in &cycle.line_points {
-            if let Some(at) = self.projection.point(floor(pose * point.at)) {
+            if let Some(at) = self.projection.point(floor(seen.place(point.at))) {
                 self.pen.disc(at, 1.5, palette::LINE_POINT);
             }
         }
         if let Some(detections) = &cycle.detections {
             for robot in &detections.robots {
-                let at = pose * robot.at;
+                let at = seen.place(robot.at);
                 let stroke = Stroke::new(1.6, palette::ROBOT);
                 self.ring(floor(at), ROBOT_RADIUS, stroke);
                 self.ring([at.x, at.y, ROBOT_HEIGHT], ROBOT_RADIUS, stroke);
             }
             if let Some(ball) = &detections.ball {
-                let at = pose * ball.at;
+                let at = seen.place(ball.at);
                 self.sphere([at.x, at.y, BALL_RADIUS], BALL_RADIUS, palette::BALL, true);
             }
         }

@@ -39,7 +39,7 @@ impl Default for SceneCamera {
             target: [0.0; 3],
             azimuth: -1.2,
             elevation: 0.7,
-            distance: 22.0,
+            distance: 25.0,
         }
     }
 }

@@ -204,7 +204,8 @@ impl Session {
     /// Selects what is near a place on the field, within `radius` metres; nothing if it is empty.
     pub(crate) fn select_at(&mut self, at: At<FieldFrame>, radius: f32) {
         let cycle = self.shown.as_ref().map(|now| &now.cycle);
-        self.selection = cycle.and_then(|cycle| Selection::nearest(cycle, at, radius));
+        let height = self.viewpoint_height();
+        self.selection = cycle.and_then(|cycle| Selection::nearest(cycle, height, at, radius));
     }
 
     /// Selects the next (`ahead`) or the previous object of the shown cycle.
@@ -216,15 +217,21 @@ impl Session {
 
     /// Place of the selected object on the field.
     pub(crate) fn selected_place(&self) -> Option<At<FieldFrame>> {
-        self.selection?.place(&self.shown.as_ref()?.cycle)
+        let cycle = &self.shown.as_ref()?.cycle;
+        self.selection?.place(cycle, self.viewpoint_height())
+    }
+
+    /// Height of the camera's viewpoint, metres; None without a camera.
+    pub(crate) fn viewpoint_height(&self) -> Option<f32> {
+        let camera = self.scene.as_ref()?.camera.as_ref()?;
+        Some(camera.viewpoint_height)
     }
 
     /// Shows another log, or another robot's stream, beside this run.
-    pub(crate) fn open_beside(&mut self, path: &Path) {
-        match OtherRun::open(path, self.clock_offset_ns) {
-            Ok(other) => self.others.push(other),
-            Err(error) => self.last_error = Some(format!("{error:#}")),
-        }
+    pub(crate) fn open_beside(&mut self, path: &Path) -> Result<()> {
+        self.others
+            .push(OtherRun::open(path, self.clock_offset_ns)?);
+        Ok(())
     }
 
     /// What localization had learned about the ground map in the shown cycle.

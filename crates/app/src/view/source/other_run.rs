@@ -6,8 +6,9 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use localize::Pose;
 use localize::robot::BaseConfig;
-use pipeline::Cycle;
+use pipeline::config::PIPELINE_FILE;
 use pipeline::log::{Header, LogIndex};
+use pipeline::{Cycle, PipelineConfig};
 
 use super::inbox::CycleInbox;
 use super::live::LiveSource;
@@ -26,6 +27,8 @@ pub(crate) struct OtherRun {
     offset: f64,
     source: Source,
     base: BaseConfig,
+    /// Its number in the team; None if its settings are unknown.
+    robot: Option<u32>,
     metrics_reader: Option<MetricsReader>,
     /// Its cycle at the shown time, without image.
     pub(crate) cycle: Option<Arc<Cycle>>,
@@ -47,7 +50,11 @@ impl OtherRun {
         let mut player = LogPlayer::new(LogIndex::open(path)?);
         let setup = player.load_setup().ok();
         let base = setup.and_then(|setup| setup.robot.base).unwrap_or_default();
-        let offset = offset_between(player.index().header(), clock_offset_ns);
+        let header = player.index().header();
+        let (offset, robot) = (
+            offset_between(header, clock_offset_ns),
+            robot_number(header),
+        );
         let reader = MetricsReader::start(player.index().clone(), base.clone())
             .context("cannot start a thread")?;
         let name = path.file_name().unwrap_or(path.as_os_str());
@@ -57,6 +64,7 @@ impl OtherRun {
             offset,
             source: Source::Log(Box::new(player)),
             base,
+            robot,
             metrics_reader: Some(reader),
             cycle: None,
         })
@@ -73,6 +81,7 @@ impl OtherRun {
             offset,
             source: Source::Live(Box::new(live)),
             base: remote.setup.robot.base.unwrap_or_default(),
+            robot: robot_number(&remote.header),
             metrics_reader: None,
             cycle: None,
         })
@@ -126,10 +135,26 @@ impl OtherRun {
         changed
     }
 
+    /// Is it a run of another robot than the first run (its source, and its robot's number in the team)? Otherwise their
+    /// difference tells something.
+    pub(crate) fn is_another_robot(&self, first: &Source, first_robot: u32) -> bool {
+        let is_live = |source: &Source| matches!(source, Source::Live(_));
+        // A robot has one stream: another stream at the same time is another robot's.
+        is_live(&self.source) && is_live(first)
+            || self.robot.is_some_and(|robot| robot != first_robot)
+    }
+
     /// Its pose at the shown time; None while lost, and where it has no cycle.
     pub(crate) fn pose(&self) -> Option<Pose> {
         self.cycle.as_ref()?.estimate.pose
     }
+}
+
+/// The robot's number in its team, by the settings in a log.
+fn robot_number(header: &Header) -> Option<u32> {
+    let settings = String::from_utf8_lossy(header.files.get(PIPELINE_FILE)?);
+    let config = PipelineConfig::parse(&settings).ok()?;
+    Some(config.team.number)
 }
 
 /// From the stamps of a log to those of another one, seconds; 0 unless both clocks are known.

@@ -298,3 +298,25 @@ fn search_leads_to_marks_log_lines_parameters_and_panels() {
     search_for(&mut harness, "no such words anywhere");
     harness.get_by_label("Nothing found.");
 }
+
+#[test]
+fn ctrl_w_edits_a_text_field_instead_of_closing_the_panel() {
+    let mut harness = open_demo_log(PanelLayout::Watch);
+    go_to(&mut harness, Pane::Timeline);
+    let field = "text of the mark";
+    harness.get_by_label(field).click();
+    harness.run_steps(2);
+    harness.get_by_label(field).type_text("ball lost");
+    harness.run_steps(2);
+    // As the window sends it: with Ctrl itself.
+    let control = Modifiers::COMMAND | Modifiers::CTRL;
+    press(&mut harness, control, Key::W);
+    assert_eq!(
+        harness.get_by_label(field).value().as_deref(),
+        Some("ball ")
+    );
+    // Out of the field, the same key closes the panel.
+    press(&mut harness, Modifiers::NONE, Key::Escape);
+    press(&mut harness, control, Key::W);
+    assert!(harness.query_by_label(field).is_none());
+}

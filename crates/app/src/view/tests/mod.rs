@@ -1,9 +1,14 @@
 //! Drives the view without a window: finds widgets by their label and clicks them.
 
 mod curves;
+mod drawn_run;
+mod dropped;
 mod keyboard;
 mod panels;
+mod pictures;
+mod rasterizer;
 mod runs;
+mod two_robots;
 mod workspace;
 
 use std::path::{Path, PathBuf};
@@ -40,16 +45,24 @@ fn record(path: &Path, images: ImageCompression) {
 
 /// Records it with cycles that `change` spoils; its first argument counts them.
 fn record_changed(path: &Path, images: ImageCompression, change: impl Fn(usize, &mut Cycle)) {
+    record_with(path, images, &PipelineConfig::default(), change);
+}
+
+/// The same with other settings.
+fn record_with(
+    path: &Path,
+    images: ImageCompression,
+    config: &PipelineConfig,
+    change: impl Fn(usize, &mut Cycle),
+) {
     let simulation = Simulation::load(&scenario(), None, Some(1.0)).expect("a scenario");
     let setup = simulation.setup().expect("a robot");
-    let config = PipelineConfig::default();
-    let mut pipeline = Pipeline::new(&setup, &config).expect("a pipeline");
+    let mut pipeline = Pipeline::new(&setup, config).expect("a pipeline");
     let log = LogConfig {
         images,
         ..LogConfig::default()
     };
-    let mut recorder =
-        start_log(path, "sim demo", Some(1), (&setup, &config), &log).expect("a log");
+    let mut recorder = start_log(path, "sim demo", Some(1), (&setup, config), &log).expect("a log");
     let cycles = simulation.filter_map(|sample| pipeline.process_sample(sample));
     for (number, mut cycle) in cycles.enumerate() {
         change(number, &mut cycle);
@@ -327,16 +340,6 @@ fn truncated_log_opens_up_to_its_last_whole_chunk() {
     let session = &harness.state().session;
     let (_, end) = session.source.span().expect("a span");
     assert!((0.3..0.8).contains(&end), "{end}");
-}
-
-#[test]
-fn every_layout_is_drawn_with_and_without_a_log() {
-    for (preset, _) in super::layout::LAYOUTS {
-        let mut with = open_demo_log(preset);
-        with.run_steps(2);
-        let mut without = harness(Session::default(), preset);
-        without.run_steps(2);
-    }
 }
 
 #[test]

@@ -31,7 +31,8 @@ fn collect_texts(shape: &Shape, clip: Rect, texts: &mut Vec<(String, Rect)>) {
     }
 }
 
-fn texts(shapes: &[ClippedShape]) -> Vec<(String, Rect)> {
+/// The visible texts of a picture with their places.
+pub(super) fn texts(shapes: &[ClippedShape]) -> Vec<(String, Rect)> {
     let mut texts = Vec::new();
     for clipped in shapes {
         collect_texts(&clipped.shape, clipped.clip_rect, &mut texts);
@@ -65,4 +66,14 @@ fn no_text_of_a_panel_lies_on_another_one() {
         }
     }
     assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+#[test]
+fn every_layout_is_drawn_with_and_without_a_log() {
+    for (preset, _) in crate::view::layout::LAYOUTS {
+        let mut with = open_demo_log(preset);
+        with.run_steps(2);
+        let mut without = harness(Session::default(), preset);
+        without.run_steps(2);
+    }
 }

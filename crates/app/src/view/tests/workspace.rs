@@ -101,7 +101,7 @@ fn dialog_is_answered_by_the_keyboard() {
     harness.key_press(Key::Enter);
     harness.run_steps(3);
     let view = harness.state();
-    assert_eq!(view.session.last_error, None);
+    assert_eq!((&view.problem, &view.session.last_error), (&None, &None));
     assert!(
         view.session.title.ends_with("copy.mcap"),
         "{}",

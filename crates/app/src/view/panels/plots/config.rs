@@ -58,4 +58,23 @@ impl PlotConfig {
         let names = self.curves.iter().map(String::as_str);
         names.zip(COLOURS.into_iter().cycle())
     }
+
+    /// One plot of each kind, with a logarithmic axis and a threshold.
+    #[cfg(test)]
+    pub(crate) fn one_of_each_kind(names: [&str; 2]) -> Vec<Self> {
+        let kinds = [
+            PlotKind::Curve,
+            PlotKind::Against,
+            PlotKind::Histogram,
+            PlotKind::Spectrum,
+            PlotKind::Numbers,
+        ];
+        let plot = |kind| PlotConfig {
+            kind,
+            logarithmic: kind == PlotKind::Curve,
+            thresholds: vec![10.0],
+            ..PlotConfig::of(&names)
+        };
+        kinds.map(plot).into()
+    }
 }

@@ -2,10 +2,10 @@
 
 use eframe::egui::{self, Color32, Ui, Vec2};
 use egui_plot::{
-    AxisHints, Bar, BarChart, GridInput, GridMark, HLine, Line, LineStyle, Plot, PlotPoints,
-    PlotUi, Points, Span, VLine,
+    AxisHints, Bar, BarChart, HLine, Line, LineStyle, Plot, PlotPoints, PlotUi, Points, Span, VLine,
 };
 
+use super::axes::{axis_value, below, marks_below, value_marks};
 use super::config::{PlotConfig, PlotKind};
 use super::drawn_line::DrawnLine;
 use super::mode_bands::ModeBands;
@@ -24,8 +24,8 @@ const VALUE_AXIS_WIDTH: f32 = 52.0;
 const VALUE_MARK_SPACING: f32 = 17.0;
 /// Distance at which labels of the value axis appear, and at which they are opaque, points.
 const VALUE_LABEL_SPACING: std::ops::RangeInclusive<f32> = 8.0..=14.0;
-/// Most marks of an axis.
-const MARKS_MAX: f64 = 1000.0;
+/// Least height of a plot with a title beside its value axis, points.
+const TITLED_HEIGHT_MIN: f32 = 130.0;
 /// Scrolled points per zoom factor of e.
 const SCROLL_POINTS_PER_E_FOLD: f32 = 300.0;
 /// Width of a curve, points.
@@ -99,6 +99,7 @@ impl PlotArea {
             .formatter(move |mark, _| text(mark.value));
         Plot::new(name.to_owned())
             .custom_y_axes(vec![values])
+            .custom_x_axes(vec![below("")])
             .height(self.height)
             // Filling the background costs a software renderer more than the curves.
             .show_background(false)
@@ -108,6 +109,7 @@ impl PlotArea {
             .allow_boxed_zoom(false)
             .allow_double_click_reset(false)
             .y_grid_spacer(value_marks)
+            .x_grid_spacer(marks_below)
             .grid_spacing(VALUE_MARK_SPACING..=160.0)
     }
 
@@ -220,8 +222,9 @@ impl PlotArea {
         let time = session.playback.time;
         let now = [across.curve.at(time), up.curve.at(time)];
         self.plot("against")
-            .x_axis_label(axis_title(across))
+            .custom_x_axes(vec![below(&axis_title(across))])
             .y_axis_label(axis_title(up))
+            .height(self.height.max(TITLED_HEIGHT_MIN))
             .show(ui, |plot| {
                 let dots = Points::new(up.name, PlotPoints::from(points)).radius(1.2);
                 plot.points(dots.color(up.colour));
@@ -248,8 +251,9 @@ impl PlotArea {
         let charts: Vec<BarChart> = charts.collect();
         let title = curves.first().map_or("", |one| one.unit);
         self.plot("histogram")
-            .x_axis_label(title)
+            .custom_x_axes(vec![below(title)])
             .y_axis_label("samples")
+            .height(self.height.max(TITLED_HEIGHT_MIN))
             .show(ui, |plot| {
                 for chart in charts {
                     plot.bar_chart(chart);
@@ -272,7 +276,7 @@ impl PlotArea {
             .map(|one| line(one.name, &all(one.curve), one.colour, 1.4))
             .collect();
         self.plot_with_values("spectrum", move |value| axis_value(value, logarithmic))
-            .x_axis_label("Hz")
+            .custom_x_axes(vec![below("Hz")])
             .show(ui, |plot| {
                 for line in lines {
                     plot.line(line);
@@ -345,41 +349,5 @@ fn draw_modes(plot: &mut PlotUi<'_>, bands: &ModeBands) {
     for (from, to, mode) in bands.all() {
         let fill = palette::mode_colour(*mode).gamma_multiply(0.25);
         plot.span(Span::new("", *from..=*to).fill(fill));
-    }
-}
-
-/// Marks of a value axis at multiples of 1, 2 or 5 times a power of ten.
-fn value_marks(input: GridInput) -> Vec<GridMark> {
-    let decade = 10f64.powf(input.base_step_size.log10().floor());
-    let steps = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * decade);
-    let step = steps
-        .into_iter()
-        .find(|step| *step >= input.base_step_size)
-        .unwrap_or(10.0 * decade);
-    let (first, last) = (input.bounds.0 / step, input.bounds.1 / step);
-    if !(step > 0.0 && last - first < MARKS_MAX) {
-        return Vec::new();
-    }
-    (first.ceil() as i64..=last.floor() as i64)
-        .map(|number| GridMark {
-            value: number as f64 * step,
-            step_size: step,
-        })
-        .collect()
-}
-
-fn axis_value(value: f64, logarithmic: bool) -> String {
-    let value = if logarithmic {
-        10f64.powf(value)
-    } else {
-        value
-    };
-    match value.abs() {
-        0.0 => "0".to_owned(),
-        size if size < 0.001 => format!("{value:.0e}"),
-        _ => {
-            let text = format!("{value:.3}");
-            text.trim_end_matches('0').trim_end_matches('.').to_owned()
-        }
     }
 }

@@ -1,5 +1,6 @@
 //! Plots panel: any curves over time, against each other, as histogram, spectrum or numbers.
 
+mod axes;
 mod config;
 mod csv;
 mod drawing;

@@ -17,11 +17,18 @@ pub(super) struct PlottedCurve<'a> {
     pub(super) others: Vec<(&'a str, Curve<'a>)>,
 }
 
-/// The value as a logarithmic axis places it.
+/// The value as a logarithmic axis places it; an unknown one stays unknown.
 pub(super) fn scale(value: f64, logarithmic: bool) -> f64 {
-    if logarithmic {
+    if logarithmic && !value.is_nan() {
         value.abs().max(LOGARITHM_MIN).log10()
     } else {
         value
     }
+}
+
+#[test]
+fn unknown_value_has_no_place_on_a_logarithmic_axis() {
+    assert!(scale(f64::NAN, true).is_nan());
+    assert_eq!(scale(0.0, true), -6.0);
+    assert_eq!(scale(-100.0, true), 2.0);
 }
