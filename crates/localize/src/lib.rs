@@ -41,6 +41,7 @@ pub mod matching;
 
 pub mod global_search;
 
+pub mod advice;
 pub mod filter;
 
 pub mod map_correction;

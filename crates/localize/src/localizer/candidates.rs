@@ -72,6 +72,14 @@ impl Candidates {
         Some((&best.filter, &best.hypothesis))
     }
 
+    /// Poses of the two most probable hypotheses.
+    pub(super) fn best_two(&self) -> Option<[Pose; 2]> {
+        match &self.candidates[..] {
+            [best, rival, ..] => Some([best, rival].map(|candidate| candidate.filter.pose())),
+            _ => None,
+        }
+    }
+
     /// Did enough images support the best hypothesis? A robot that leans far in one image shows its points beside the
     /// markings, and another place may then explain them better. `margin_share`: share of the points by which another pose
     /// is clearly better.

@@ -25,6 +25,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::advice::Advisor;
 use crate::config::{LocalizeConfig, Tracker};
 use crate::estimate::{Estimate, Reason};
 use crate::field::Field;
@@ -89,6 +90,7 @@ pub struct Localizer {
     /// Only if the global search or the tracker uses it.
     scan_map: Option<Arc<ScanMap>>,
     matcher: Matcher,
+    advisor: Advisor,
     coloured_goals: ColouredGoals,
     /// Covariance of a uniform distribution over the field.
     uniform_covariance: Matrix3<f32>,
@@ -188,6 +190,7 @@ impl Localizer {
             odometry_prior: OdometryPrior::of_any_base(&config.filter),
             lost_images: 0,
             matcher: Matcher::new(config.matching.clone()),
+            advisor: Advisor::new(field, config.advice.clone()),
             distance_field: distances,
             search,
             global_search,

@@ -1,0 +1,163 @@
+//! Which motion would show whether the pose is this one or that one? Advice for an ambiguous pose.
+//!
+//! Two hypotheses differ by one rigid motion of the field, whatever the robot does. A marking point that this motion takes
+//! to another marking tells nothing. The advice is the shortest motion that brings enough of the other points into view
+//! (docs/methods.md 6.6).
+
+mod config;
+mod disagreement;
+mod motions;
+mod view;
+
+use crate::field::Field;
+use crate::frames::Pose;
+use crate::matching::distance_field::DistanceField;
+use crate::sample::LinePoint;
+
+pub use config::AdviceConfig;
+use disagreement::{MarkingSample, Residual, sample_markings};
+use motions::{Motion, candidate_motions};
+use view::View;
+
+/// What would tell the hypotheses apart.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Advice {
+    /// A motion of the robot.
+    Move(MotionAdvice),
+    /// No motion tells a pose from its half turn: a compass, coloured goals or a team-mate does.
+    ObserveHalf,
+}
+
+/// A motion in the robot frame, and what it is expected to tell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotionAdvice {
+    /// Displacement (forward, left), metres, and rotation counter-clockwise, radians.
+    pub motion: [f32; 3],
+    /// Log odds between the two hypotheses that one image after the motion is expected to yield, beyond those of an image
+    /// before it. Mean over either being true.
+    pub expected_log_odds: f32,
+}
+
+impl Advice {
+    /// As a phrase for people.
+    pub fn text(&self) -> String {
+        let Advice::Move(MotionAdvice {
+            motion: [x, y, turn],
+            ..
+        }) = *self
+        else {
+            return "half turn: needs compass, goal colour or team-mate".to_owned();
+        };
+        let distance = crate::math::hypot(x, y);
+        if distance < 1e-3 {
+            return format!("turn by {:.0}°", turn.to_degrees());
+        }
+        let direction = crate::math::atan2(y, x).to_degrees().round();
+        let along = match direction as i32 {
+            0 => "along x".to_owned(),
+            180 | -180 => "along −x".to_owned(),
+            90 => "along y".to_owned(),
+            -90 => "along −y".to_owned(),
+            degrees => format!("at {degrees}°"),
+        };
+        format!("drive {distance:.2} m {along}")
+    }
+}
+
+/// Finds motions that tell hypotheses apart, for one field.
+#[derive(Debug, Clone)]
+pub struct Advisor {
+    config: AdviceConfig,
+    samples: Vec<MarkingSample>,
+    motions: Vec<Motion>,
+    /// Half the carpet's extent, metres.
+    half_extent: [f32; 2],
+}
+
+/// How the localizer weighs the points of an image.
+#[derive(Debug, Clone, Copy)]
+pub struct PointWeights {
+    /// Kernel scale in standard deviations of a point.
+    pub kernel_scale_sigmas: f32,
+    /// Standard deviation of the markings, metres.
+    pub map_std: f32,
+    /// Exponent of the points' likelihood.
+    pub likelihood_exponent: f32,
+    /// Log odds that decide between two hypotheses.
+    pub deciding_log_odds: f32,
+}
+
+impl Advisor {
+    /// Samples the field's markings.
+    pub fn new(field: &Field, config: AdviceConfig) -> Self {
+        let (half_x, half_y) = field.carpet_half_extent();
+        Advisor {
+            samples: sample_markings(&field.markings),
+            motions: candidate_motions(&config),
+            half_extent: [half_x, half_y],
+            config,
+        }
+    }
+
+    /// The quickest motion that tells `best` from `rival`, given the points of the present image (robot frame).
+    ///
+    /// None if no motion within reach does, or if the image has no points.
+    pub fn advise(
+        &self,
+        distances: &DistanceField,
+        points: &[LinePoint],
+        [best, rival]: [Pose; 2],
+        weights: &PointWeights,
+    ) -> Option<MotionAdvice> {
+        let view = View::from_image(points, &self.samples, [best, rival], &self.config)?;
+        let residual = Residual::new(points, weights);
+        // Either may be true, and a marking that is missing is no evidence: what one image tells on average.
+        let sides = [(best, rival), (rival, best)].map(|(truth, other)| {
+            (
+                truth,
+                disagreement::disagreeing_samples(
+                    &self.samples,
+                    distances,
+                    // Where the other hypothesis expects what the robot sees at this place of the field.
+                    other * truth.inverse(),
+                    &residual,
+                ),
+            )
+        });
+        let log_odds_after = |motion: &Motion| {
+            let expected = |(truth, samples): &(Pose, Vec<disagreement::DisagreeingSample>)| {
+                view.expected_cost(samples, *truth * motion.transform)
+            };
+            weights.likelihood_exponent * 0.5 * sides.iter().map(expected).sum::<f32>()
+        };
+        let now = log_odds_after(&Motion::default());
+        let mut found: Option<(&Motion, f32)> = None;
+        for motion in &self.motions {
+            if found.is_some_and(|(quicker, gain)| {
+                gain >= weights.deciding_log_odds && motion.seconds > quicker.seconds
+            }) {
+                break;
+            }
+            if ![best, rival].iter().all(|&pose| self.is_on_carpet(pose * motion.transform)) {
+                continue;
+            }
+            let gain = log_odds_after(motion) - now;
+            if gain >= self.config.log_odds_min && found.is_none_or(|(_, most)| gain > most) {
+                found = Some((motion, gain));
+            }
+        }
+        found.map(|(motion, gain)| MotionAdvice {
+            motion: [motion.transform.x, motion.transform.y, motion.turn()],
+            expected_log_odds: gain,
+        })
+    }
+
+    /// Does the robot stay on the carpet?
+    fn is_on_carpet(&self, pose: Pose) -> bool {
+        let [half_x, half_y] = self.half_extent.map(|half| half - self.config.edge_distance);
+        pose.x.abs() <= half_x && pose.y.abs() <= half_y
+    }
+}
+
+#[cfg(test)]
+mod tests;
