@@ -9,6 +9,7 @@ use serde::Deserialize;
 use sim::fusion_experiment::{Disturbance, Estimator};
 
 use super::air::{AirRuns, AirVariant};
+use super::certainty::{CertaintyRuns, CertificateRuns};
 use super::metric::PaperReference;
 
 /// An experiment file. Paths are relative to it.
@@ -75,6 +76,10 @@ pub(crate) enum PartRun {
     MultiRobot(MultiRobotRuns),
     /// A ball in the air, for one robot and for several, without images.
     Air(AirRuns),
+    /// Bounds of the exact search on what other poses explain, without images.
+    Certificates(CertificateRuns),
+    /// Time until a robot at an ambiguous place knows its pose, by how it moves, without images.
+    Certainty(CertaintyRuns),
 }
 
 /// Images for the detection rates.
@@ -321,6 +326,8 @@ impl Part {
                 check_presets(&robots.presets)?;
                 resolve_scenarios(&mut robots.variants, None)?;
             }
+            PartRun::Certificates(runs) => runs.field = folder.join(&runs.field),
+            PartRun::Certainty(runs) => runs.field = folder.join(&runs.field),
             PartRun::Fusion(fusion) => fusion.robot = folder.join(&fusion.robot),
             PartRun::Team(team) => {
                 let honest_missing = |variant: &&TeamVariant| variant.liars >= Some(ROBOTS);

@@ -83,11 +83,14 @@ fn the_advice_is_given_in_the_robot_frame() {
 
 #[test]
 fn a_covered_sector_is_turned_away_from_the_marking() {
-    let scene = Scene::new(line_with_one_crossing(), 2.5);
-    // Both crossings would be in view but for the sector ahead, in which no point is seen: the second hypothesis has none.
+    let mut config = line_with_one_crossing().config;
+    config.extra_lines[1] = [3.0, -1.0, 3.0, 1.0];
+    config.extra_lines.push([-3.3, -1.0, -3.3, 1.0]);
+    let scene = Scene::new(Field::new(config).expect("a field"), 2.5);
+    // Both expect a crossing ahead, 1.8 m and 1.2 m away. No point is seen in this sector: something covers it.
     let poses = [Pose::new(1.2, 0.3, 0.0), Pose::new(-4.5, 0.3, 0.0)];
     let mut points = scene.points(poses[0]);
-    points.retain(|point| point.at.bearing().abs() > 1.2);
+    points.retain(|point| point.at.bearing().abs() > 0.8);
     let advice = scene.advise(&points, poses).expect("a motion");
     assert!(advice.motion[2].abs() > 0.5, "{advice:?}");
     assert!(Advice::Move(advice).text().starts_with("turn by "));

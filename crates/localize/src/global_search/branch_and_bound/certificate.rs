@@ -145,8 +145,8 @@ impl BranchAndBound {
         }
     }
 
-    /// Share of the selected points that a pose explains, without the grid's rounding.
-    pub(crate) fn explained_share(&self, distances: &DistanceField, pose: Pose) -> f32 {
+    /// Share of the points of the last search that a pose explains, without the grid's rounding.
+    pub fn explained_share(&self, distances: &DistanceField, pose: Pose) -> f32 {
         let squared = self.config.kernel_scale * self.config.kernel_scale;
         let points = &self.search.selected_points;
         let sum: f32 = points
