@@ -168,14 +168,14 @@ def test_shipped_experiments_name_existing_files_and_metrics(result: dict[str, A
     names = {one["name"] for part in result["parts"] for one in part["figures"]}
     methods = {one["method"] for part in result["parts"] for one in part["figures"]} | {"lima2001", "nubot2013"}
     folder = ROOT / "config/experiments"
-    assert {"air", "all", "eyes", "fusion", "lima2001", "minho2016", "nubot2013", "team"} <= {
+    assert {"air", "all", "certainty", "eyes", "fusion", "lima2001", "mapping", "minho2016", "nubot2013", "team"} <= {
         path.stem for path in folder.glob("*.toml")
     }
     for path in folder.glob("*.toml"):
         for part in tomllib.loads(path.read_text())["parts"]:
             (run,) = part["run"].values()
             variants = run.get("variants", [])
-            for named in (run.get("scenario"), run.get("field"), run.get("robot"), *(one.get("scenario") for one in variants)):
+            for named in (run.get("scenario"), run.get("field"), run.get("robot"), *(one.get("scenario") for one in variants), *(one.get("field") for one in variants)):
                 assert named is None or (folder / named).is_file(), (path, named)
             for recording in run.get("recordings", []):
                 assert (folder / recording["folder"] / "truth.csv").is_file(), (path, recording)

@@ -53,7 +53,7 @@ class Fit(NamedTuple):
 
 @dataclass(frozen=True)
 class Certificate:
-    """Bounds of the exact search on what other poses of the field explain (docs/methods.md 6.5)."""
+    """Bounds of the exact search on what other poses of the field explain (docs/methods.md 6.9)."""
 
     points: int
     """Points compared."""
@@ -69,7 +69,7 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Advice:
-    """What would tell an ambiguous pose from the runner-up (docs/methods.md 6.6)."""
+    """What would tell an ambiguous pose from the runner-up (docs/methods.md 6.10)."""
 
     text: str
     motion: tuple[float, float, float] | None

@@ -291,9 +291,9 @@ def plot_team_ball_errors(columns: Columns) -> list[Figure]:
 
 
 def plot_certainty_times(columns: Columns) -> list[Figure]:
-    """Time until a robot at an ambiguous place tracks one pose: one dot per place, a bar for their mean."""
+    """Time until a robot at an ambiguous place tracks the right pose: one dot per place, a bar for their mean."""
     known = np.isfinite(columns["seconds"])
-    title = "time until one pose is tracked / s (decided runs alone)"
+    title = "time until the right pose is tracked for good / s (where it was)"
     return [_plot_grouped_bars(columns, known, columns["seconds"], title, log=False)] if known.any() else []
 
 

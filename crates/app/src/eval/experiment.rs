@@ -10,6 +10,7 @@ use sim::fusion_experiment::{Disturbance, Estimator};
 
 use super::air::{AirRuns, AirVariant};
 use super::certainty::{CertaintyRuns, CertificateRuns};
+use super::mapping::MappingRuns;
 use super::metric::PaperReference;
 
 /// An experiment file. Paths are relative to it.
@@ -80,6 +81,8 @@ pub(crate) enum PartRun {
     Certificates(CertificateRuns),
     /// Time until a robot at an ambiguous place knows its pose, by how it moves, without images.
     Certainty(CertaintyRuns),
+    /// Fields mapped from drives, without images.
+    Mapping(MappingRuns),
 }
 
 /// Images for the detection rates.
@@ -328,6 +331,11 @@ impl Part {
             }
             PartRun::Certificates(runs) => runs.field = folder.join(&runs.field),
             PartRun::Certainty(runs) => runs.field = folder.join(&runs.field),
+            PartRun::Mapping(runs) => {
+                for variant in &mut runs.variants {
+                    variant.field = folder.join(&variant.field);
+                }
+            }
             PartRun::Fusion(fusion) => fusion.robot = folder.join(&fusion.robot),
             PartRun::Team(team) => {
                 let honest_missing = |variant: &&TeamVariant| variant.liars >= Some(ROBOTS);

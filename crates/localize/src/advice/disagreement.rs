@@ -124,9 +124,11 @@ impl Residual {
 /// Smallest cost of a piece that is kept.
 const COST_MIN: f32 = 0.02;
 
-/// The pieces of markings that the other hypothesis, which sees them moved by `other_from_truth`, does not predict.
+/// The pieces of markings not `checked` that the other hypothesis, which sees them moved by `other_from_truth`, does not
+/// predict.
 pub(super) fn disagreeing_samples(
     samples: &[MarkingSample],
+    checked: &[bool],
     distances: &DistanceField,
     other_from_truth: Tf<FieldFrame, FieldFrame>,
     residual: &Residual,
@@ -138,7 +140,8 @@ pub(super) fn disagreeing_samples(
             other_from_truth.y + sin * at.x + cos * at.y,
         )
     };
-    let disagreeing = samples.iter().map(|&sample| {
+    let unknown = samples.iter().enumerate().filter(|(k, _)| !checked.get(*k).is_some_and(|&seen| seen));
+    let disagreeing = unknown.map(|(_, &sample)| {
         let (x, y) = moved(sample.at);
         let cost = residual.cost(distances.nearest(x, y).signed_distance.abs());
         DisagreeingSample { sample, cost }

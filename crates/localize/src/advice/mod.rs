@@ -2,7 +2,7 @@
 //!
 //! Two hypotheses differ by one rigid motion of the field, whatever the robot does. A marking point that this motion takes
 //! to another marking tells nothing. The advice is the shortest motion that brings enough of the other points into view
-//! (docs/methods.md 6.6).
+//! (docs/methods.md 6.10).
 
 mod config;
 mod disagreement;
@@ -33,8 +33,8 @@ pub enum Advice {
 pub struct MotionAdvice {
     /// Displacement (forward, left), metres, and rotation counter-clockwise, radians.
     pub motion: [f32; 3],
-    /// Log odds between the two hypotheses that one image after the motion is expected to yield, beyond those of an image
-    /// before it. Mean over either being true.
+    /// Log odds between the two hypotheses that one image after the motion is expected to yield by markings not in view so
+    /// far. Mean over either being true.
     pub expected_log_odds: f32,
 }
 
@@ -62,6 +62,19 @@ impl Advice {
         };
         format!("drive {distance:.2} m {along}")
     }
+}
+
+/// Which pieces of the field's markings a hypothesis has had in view: what they tell is known already.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CheckedMarkings(Vec<bool>);
+
+/// A hypothesis with what it has had in view.
+#[derive(Debug, Clone, Copy)]
+pub struct Considered<'a> {
+    /// Its pose.
+    pub pose: Pose,
+    /// The markings in view so far, under this hypothesis.
+    pub checked: &'a CheckedMarkings,
 }
 
 /// Finds motions that tell hypotheses apart, for one field.
@@ -99,24 +112,37 @@ impl Advisor {
         }
     }
 
-    /// The quickest motion that tells `best` from `rival`, given the points of the present image (robot frame).
+    /// Adds the markings that the present image (points in the robot frame) has in view at a hypothesis's pose.
+    pub fn mark_checked(&self, checked: &mut CheckedMarkings, pose: Pose, points: &[LinePoint]) {
+        checked.0.resize(self.samples.len(), false);
+        let range = view::observed_range(points, &self.config);
+        for (sample, checked) in self.samples.iter().zip(&mut checked.0) {
+            *checked |= sample.at.distance_to(pose.origin()) <= range;
+        }
+    }
+
+    /// The quickest motion that tells `best` from `rival` by markings that they have not had in view, given the points of
+    /// the present image (robot frame).
     ///
     /// None if no motion within reach does, or if the image has no points.
     pub fn advise(
         &self,
         distances: &DistanceField,
         points: &[LinePoint],
-        [best, rival]: [Pose; 2],
+        hypotheses: [Considered; 2],
         weights: &PointWeights,
     ) -> Option<MotionAdvice> {
+        let [best, rival] = hypotheses.map(|hypothesis| hypothesis.pose);
         let view = View::from_image(points, &self.samples, [best, rival], &self.config)?;
         let residual = Residual::new(points, weights);
         // Either may be true, and a marking that is missing is no evidence: what one image tells on average.
-        let sides = [(best, rival), (rival, best)].map(|(truth, other)| {
+        let sides = [(hypotheses[0], rival), (hypotheses[1], best)].map(|(side, other)| {
+            let truth = side.pose;
             (
                 truth,
                 disagreement::disagreeing_samples(
                     &self.samples,
+                    &side.checked.0,
                     distances,
                     // Where the other hypothesis expects what the robot sees at this place of the field.
                     other * truth.inverse(),
@@ -130,7 +156,6 @@ impl Advisor {
             };
             weights.likelihood_exponent * 0.5 * sides.iter().map(expected).sum::<f32>()
         };
-        let now = log_odds_after(&Motion::default());
         let mut found: Option<(&Motion, f32)> = None;
         for motion in &self.motions {
             if found.is_some_and(|(quicker, gain)| {
@@ -141,7 +166,7 @@ impl Advisor {
             if ![best, rival].iter().all(|&pose| self.is_on_carpet(pose * motion.transform)) {
                 continue;
             }
-            let gain = log_odds_after(motion) - now;
+            let gain = log_odds_after(motion);
             if gain >= self.config.log_odds_min && found.is_none_or(|(_, most)| gain > most) {
                 found = Some((motion, gain));
             }

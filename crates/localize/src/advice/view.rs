@@ -35,6 +35,7 @@ impl View {
         hypotheses: [Pose; 2],
         config: &AdviceConfig,
     ) -> Option<Self> {
+        let range_max = observed_range(points, config);
         let mut seen = [0.0_f32; SECTORS];
         for point in points {
             seen[sector_of(point.at.bearing())] += 1.0;
@@ -42,7 +43,7 @@ impl View {
         let predicted = hypotheses.map(|pose| {
             let mut angles = [0.0_f32; SECTORS];
             for sample in samples {
-                if let Some((sector, angle)) = visible(sample, pose, config.view_range) {
+                if let Some((sector, angle)) = visible(sample, pose, range_max) {
                     angles[sector] += angle;
                 }
             }
@@ -64,7 +65,7 @@ impl View {
         Some(View {
             density,
             covered,
-            range_max: config.view_range,
+            range_max,
         })
     }
 
@@ -83,6 +84,23 @@ impl View {
             .sum();
         self.density * sum
     }
+}
+
+/// Least range that is taken as observed, metres.
+const OBSERVED_RANGE_MIN: f32 = 1.0;
+/// Share of the points within the observed range: the others may be outliers.
+const OBSERVED_SHARE: f32 = 0.9;
+
+/// The range within which the present image shows markings, metres.
+pub(super) fn observed_range(points: &[LinePoint], config: &AdviceConfig) -> f32 {
+    let mut ranges: Vec<f32> = points.iter().map(|point| point.at.distance()).collect();
+    ranges.sort_by(f32::total_cmp);
+    let index = (OBSERVED_SHARE * ranges.len() as f32) as usize;
+    let range = ranges.get(index.min(ranges.len().saturating_sub(1)));
+    range
+        .copied()
+        .unwrap_or(OBSERVED_RANGE_MIN)
+        .clamp(OBSERVED_RANGE_MIN.min(config.view_range), config.view_range)
 }
 
 /// The sector and the angle under which a piece of marking is seen at a pose. None if out of range.

@@ -39,8 +39,8 @@ const CIRCLE_PAIRS: usize = 3000;
 const ARC_ADVANTAGE: f32 = 1.2;
 /// Least cosine between the normals of shape and element.
 const ALIGNMENT_MIN: f32 = 0.85;
-/// Distance of the elements that a shape takes, in tolerances.
-const TAKEN: f32 = 2.0;
+/// Distance of the elements that a shape takes, in tolerances: the points' noise reaches farther than the fit.
+const TAKEN: f32 = 3.5;
 /// Standard deviation of a line's end along it, metres.
 const END_STD: f32 = 0.05;
 
@@ -110,6 +110,9 @@ impl Shape {
     }
 }
 
+/// Distance of the points that a shape explains, in tolerances.
+const EXPLAINED: f32 = 2.0;
+
 /// Share of the points on the shapes, and their root mean square distance, metres.
 pub(super) fn explained(
     shapes: &[Shape],
@@ -120,7 +123,7 @@ pub(super) fn explained(
     for element in elements {
         all += element.weight;
         let nearest = shapes.iter().map(|shape| shape.distance(element.at)).fold(f32::MAX, f32::min);
-        if nearest <= TAKEN * config.shape_tolerance {
+        if nearest <= EXPLAINED * config.shape_tolerance {
             on += element.weight;
             squares += element.weight * nearest * nearest;
         }

@@ -3,17 +3,10 @@ use crate::field::Field;
 use crate::synthetic::field_mapping::evaluate_mapping;
 use crate::synthetic::rough_drive::RoughDriveConfig;
 
-/// A floor that nobody painted for a league: an oblique line, a circle off the middle, and no symmetry.
-pub(crate) fn drawn_floor() -> Field {
-    let config: FieldConfig = toml::from_str(
-        "length = 9.0\nwidth = 6.0\nmeasured_to = \"centres\"\nline_width = 0.1\nborder = 1.0\nboundary = false\n\
-         halfway_line = false\n\
-         extra_lines = [[-4.5, -3.0, 4.5, -3.0], [-4.5, -3.0, -4.5, 3.0], [-4.5, 3.0, 1.0, 3.0], [1.0, 3.0, 4.5, 0.5], \
-         [4.5, 0.5, 4.5, -3.0], [-1.5, -3.0, -1.5, 3.0]]\n\
-         extra_arcs = [[1.6, -0.6, 1.2, 0.0, 360.0]]",
-    )
-    .expect("a field");
-    Field::new(config).expect("a field")
+/// A floor that nobody painted for a league, without symmetry.
+fn taped_hall() -> Field {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/fields/drawn/taped_hall.toml");
+    Field::load(std::path::Path::new(path)).expect("a field")
 }
 
 fn slow_drive() -> RoughDriveConfig {
@@ -26,9 +19,9 @@ fn slow_drive() -> RoughDriveConfig {
 }
 
 #[test]
-fn a_drawn_floor_is_mapped_with_unequal_wheels_within_3_cm() {
+fn a_taped_hall_is_mapped_with_unequal_wheels_within_3_cm() {
     let config = FieldMappingConfig::default();
-    let score = evaluate_mapping(&drawn_floor(), &slow_drive(), &config, 60.0, 1).expect("a map");
+    let score = evaluate_mapping(&taped_hall(), &slow_drive(), &config, 60.0, 1).expect("a map");
     assert!(score.marking_error < 0.03, "{score:?}");
     assert!(score.found_share > 0.9 && score.false_share < 0.1, "{score:?}");
     assert!(score.position_error.is_some_and(|error| error < 0.06), "{score:?}");

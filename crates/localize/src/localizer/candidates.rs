@@ -2,6 +2,7 @@
 
 use nalgebra::Matrix3;
 
+use crate::advice::{Advisor, CheckedMarkings, Considered};
 use crate::field::goal_colours::ColouredGoals;
 use crate::filter::{FilterConfig, OdometryPrior, PoseFilter, TiltPrior};
 use crate::frames::{Pose, wrap_angle};
@@ -33,12 +34,16 @@ struct Candidate {
     log_weight: f32,
     /// Images that it was matched to.
     images: u32,
+    /// Markings in view so far.
+    checked: CheckedMarkings,
 }
 
 /// Weighted hypotheses, most probable first.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Candidates {
     candidates: Vec<Candidate>,
+    /// An image's search proved that no pose beside the candidates explains about as many points.
+    is_complete: bool,
 }
 
 /// Measurements of one image.
@@ -72,10 +77,30 @@ impl Candidates {
         Some((&best.filter, &best.hypothesis))
     }
 
-    /// Poses of the two most probable hypotheses.
-    pub(super) fn best_two(&self) -> Option<[Pose; 2]> {
+    /// Notes what an image's search proved about all other poses.
+    pub(super) fn note_proof(&mut self, proves_complete: bool) {
+        self.is_complete |= proves_complete;
+    }
+
+    /// Did a search prove that the true pose is among the candidates?
+    pub(super) fn is_complete(&self) -> bool {
+        self.is_complete
+    }
+
+    /// Adds the markings that an image has in view to those that each hypothesis has had in view.
+    pub(super) fn mark_checked(&mut self, advisor: &Advisor, points: &[LinePoint]) {
+        for candidate in &mut self.candidates {
+            advisor.mark_checked(&mut candidate.checked, candidate.filter.pose(), points);
+        }
+    }
+
+    /// The two most probable hypotheses.
+    pub(super) fn best_two(&self) -> Option<[Considered<'_>; 2]> {
         match &self.candidates[..] {
-            [best, rival, ..] => Some([best, rival].map(|candidate| candidate.filter.pose())),
+            [best, rival, ..] => Some([best, rival].map(|candidate| Considered {
+                pose: candidate.filter.pose(),
+                checked: &candidate.checked,
+            })),
             _ => None,
         }
     }
@@ -164,6 +189,7 @@ impl Candidates {
                 filter: PoseFilter::new(pose, &hypothesis.covariance, None, config, odometry_prior),
                 hypothesis: hypothesis.clone(),
                 images: 1,
+                checked: CheckedMarkings::default(),
                 log_weight: initial_log_weight
                     - measurements.likelihood_exponent * cost
                     - measurements.negative_log_likelihood(pose),
@@ -206,6 +232,7 @@ impl Candidate {
                 > measurements.negative_log_likelihood(half_turn(pose))
         {
             self.filter = self.filter.half_turned();
+            self.checked = CheckedMarkings::default();
         }
         let start_error = self.filter.position_std() + 3.0 * self.filter.heading_std();
         let tilt_prior = TiltPrior::Independent(matcher.tilt_std());

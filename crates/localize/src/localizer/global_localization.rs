@@ -77,13 +77,18 @@ impl Localizer {
             &self.config.filter,
             &self.odometry_prior,
         );
+        let margin = self.config.mode.certified_margin_share;
+        candidates.note_proof(certificate.is_none_or(|certificate| {
+            certificate.unlisted_share_max < certificate.answer_share - margin
+        }));
+        let is_complete = margin <= 0.0 || candidates.is_complete();
         let estimate = self.candidate_estimate(stamp, &candidates, fold_half_turn);
         let Some((mut estimate, (filter, best))) = estimate.zip(candidates.best()) else {
             self.lose_pose();
             return self.lost_estimate(stamp, Reason::NoMatch, found);
         };
         estimate.certificate = certificate;
-        if self.is_decided(best) && self.is_confirmed(&candidates) {
+        if self.is_decided(best) && is_complete && self.is_confirmed(&candidates) {
             let log_odds = if fold_half_turn {
                 0.0
             } else {
@@ -93,7 +98,8 @@ impl Localizer {
             self.mean_inlier_share = estimate.inlier_share;
             self.start_tracking(stamp, filter, HalfEvidence::with_log_odds(log_odds));
         } else {
-            if !self.is_decided(best) {
+            if self.config.advice.enabled && !self.is_decided(best) {
+                candidates.mark_checked(&self.advisor, points);
                 let advice = self.advise(points, &candidates);
                 estimate.advice = advice.or(estimate.advice);
             }
@@ -112,11 +118,8 @@ impl Localizer {
             likelihood_exponent: self.config.branch_and_bound.likelihood_exponent,
             deciding_log_odds: math::ln(probability / (1.0 - probability).max(1e-6)),
         };
-        self.config
-            .advice
-            .enabled
-            .then(|| candidates.best_two())
-            .flatten()
+        candidates
+            .best_two()
             .and_then(|two| {
                 self.advisor
                     .advise(&self.distance_field, points, two, &weights)

@@ -48,12 +48,13 @@ pub struct CertaintyExperiment {
 /// Result of one run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct CertaintyRun {
-    /// Time after the robot may move until a single pose is tracked, apart from the half turn. None: not in time.
+    /// Time after the robot may move from which on the right pose is tracked to the end, apart from the half turn. None: it
+    /// is not at the end.
     pub seconds: Option<f32>,
     /// Way driven until then, metres.
     pub way: f32,
-    /// The pose then was neither the true one nor its half turn.
-    pub is_wrong: bool,
+    /// Share of all images in which one wrong pose was tracked.
+    pub wrong_share: f32,
 }
 
 /// Position error from which a place is wrong, metres.
@@ -104,25 +105,35 @@ pub fn run_certainty(
     }
     robot.way = 0.0;
     let mut course = Course::new(behaviour, &mut robot.rng);
-    let count = (experiment.seconds * rate) as usize;
+    let count = ((experiment.seconds * rate) as usize).max(1);
+    let mut right_since = None;
+    let mut wrong = 0;
     for k in 1..=count {
+        // The robot does not know whether its pose is right: what it does depends on the estimate alone.
         let command = course.command(&mut robot, k);
         let estimate = robot.step(command);
         course.note(&estimate);
         let decided = !robot.localizer.has_several_hypotheses();
-        if let Some(pose) = estimate.pose.filter(|_| decided) {
-            let off = |pose: Pose| pose.origin().distance_to(robot.pose.origin());
-            return Some(CertaintyRun {
-                seconds: Some(k as f32 / rate),
-                way: robot.way,
-                is_wrong: off(pose).min(off(half_turn(pose))) > WRONG_DISTANCE,
-            });
+        let off = |pose: Pose| pose.origin().distance_to(robot.pose.origin());
+        let is_right = estimate
+            .pose
+            .filter(|_| decided)
+            .map(|pose| off(pose).min(off(half_turn(pose))) <= WRONG_DISTANCE);
+        match is_right {
+            Some(true) => {
+                right_since.get_or_insert((k, robot.way));
+            }
+            Some(false) => {
+                right_since = None;
+                wrong += 1;
+            }
+            None => right_since = None,
         }
     }
     Some(CertaintyRun {
-        seconds: None,
-        way: robot.way,
-        is_wrong: false,
+        seconds: right_since.map(|(k, _)| k as f32 / rate),
+        way: right_since.map_or(robot.way, |(_, way)| way),
+        wrong_share: wrong as f32 / count as f32,
     })
 }
 

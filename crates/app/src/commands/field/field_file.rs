@@ -83,9 +83,9 @@ pub(super) fn write(path: &Path, field: &FieldConfig, origin: &str) -> Result<()
          length = {:.4}\nwidth = {:.4}\n\
          measured_to = \"centres\"\n\
          # width of the painted or taped lines\n\
-         line_width = {}\n\
+         line_width = {:.4}\n\
          # floor beyond the outermost marking, on all sides: the robot is searched up to there\n\
-         border = {}\n\
+         border = {:.4}\n\
          # no lines but those below, and no goals\n\
          boundary = false\nhalfway_line = false\n{}{}{}{}",
         field.length,

@@ -1,7 +1,7 @@
 //! What does a search prove about the poses that it does not return? Upper bounds of their scores.
 //!
 //! The bounds of the blocks are at hand after a search. Blocks are opened in the order of their bounds until the best cell
-//! found elsewhere reaches the bound of the next block, or until the budget ends (docs/methods.md 6.5).
+//! found elsewhere reaches the bound of the next block, or until the budget ends (docs/methods.md 6.9).
 
 use super::best_first::PoseBlock;
 use super::bound::{bounds_layer, bounds_width};
