@@ -379,3 +379,42 @@ impl Iterator for PrefetchedSimulation {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn twist(motion: [f32; 3]) -> Option<Twist> {
+        let path = PathConfig {
+            speed: 1.5,
+            turn_rate_deg: 90.0,
+            ..PathConfig::default()
+        };
+        let advice = Advice::Move(MotionAdvice {
+            motion,
+            expected_log_odds: 3.0,
+        });
+        advised_twist(Some(advice), &path)
+    }
+
+    #[test]
+    fn an_advised_displacement_is_driven_at_the_speed_of_the_path() {
+        let found = twist([0.3, -0.4, 0.0]).expect("a velocity");
+        assert!((found.x - 0.9).abs() < 1e-5 && (found.y + 1.2).abs() < 1e-5);
+        assert_eq!(found.theta, 0.0);
+    }
+
+    #[test]
+    fn an_advised_turn_has_its_sign_and_the_rate_of_the_path() {
+        let found = twist([0.0, 0.0, -0.5]).expect("a velocity");
+        assert_eq!([found.x, found.y], [0.0, 0.0]);
+        assert!((found.theta + std::f32::consts::FRAC_PI_2).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_half_turn_leaves_the_robot_on_its_path() {
+        let path = PathConfig::default();
+        assert_eq!(advised_twist(Some(Advice::ObserveHalf), &path), None);
+        assert_eq!(advised_twist(None, &path), None);
+    }
+}

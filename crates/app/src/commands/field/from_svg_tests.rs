@@ -52,3 +52,16 @@ fn what_cannot_be_read_is_refused_with_a_hint() {
     assert!(message("<svg width='10m' viewBox='0 0 10 10'><path d='M0 0Q1 1 2 2'/></svg>").contains("'Q'"));
     assert!(message("<svg width='900m' viewBox='0 0 1 1'><line x2='1'/></svg>").contains("scale right"));
 }
+
+#[test]
+fn the_shipped_drawing_is_the_shipped_field() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields/drawn");
+    let svg = std::fs::read_to_string(folder.join("taped_hall.svg")).expect("a drawing");
+    let drawn = field_of(&svg, None).expect("a field");
+    let shipped = localize::Field::load(&folder.join("taped_hall.toml")).expect("a field");
+    assert_eq!(drawn.line_width, shipped.config.line_width);
+    let (lines, arcs) = (&shipped.config.extra_lines, &shipped.config.extra_arcs);
+    let near = |a: &[f32], b: &[f32]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3);
+    assert!(near(drawn.extra_lines.as_flattened(), lines.as_flattened()));
+    assert!(near(drawn.extra_arcs.as_flattened(), arcs.as_flattened()), "{:?}", drawn.extra_arcs);
+}
