@@ -5,7 +5,9 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::arguments::UsageError;
-use crate::commands::{bench, calibrate, demo, doctor, field, locate, record, recover, replay, sim};
+use crate::commands::{
+    bench, calibrate, demo, doctor, field, locate, record, recover, replay, sim,
+};
 #[cfg(feature = "python")]
 use crate::commands::{import, mirror, report, script};
 use crate::eval;

@@ -171,8 +171,7 @@ impl Simulation {
     /// With `commanded`, waits for the camera command of each cycle as far as the camera's delay requires.
     fn spawn_prefetch(mut self, commanded: bool) -> Result<PrefetchedSimulation> {
         let (sender, samples) = sync_channel(PREFETCHED_IMAGES);
-        let (command_sender, commands) =
-            sync_channel::<Feedback>(MAX_PENDING_COMMANDS);
+        let (command_sender, commands) = sync_channel::<Feedback>(MAX_PENDING_COMMANDS);
         // A camera without exposure control accepts no commands, so the simulator never waits.
         let camera = self.sim.robot().exposure.filter(|_| commanded);
         let camera_delay = camera.map(|camera| camera.delay_frames.max(1));
@@ -195,7 +194,9 @@ impl Simulation {
                 }
                 // The next image has the number `images`. Commands given at least `delay` images earlier apply to it.
                 while delay.is_some_and(|delay| answered + delay <= images) {
-                    let Ok(feedback) = commands.recv() else { return };
+                    let Ok(feedback) = commands.recv() else {
+                        return;
+                    };
                     answered += 1;
                     feedback
                         .camera

@@ -4,9 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use indicatif::ProgressBar;
-use localize::synthetic::certainty::{
-    Behaviour, CertaintyExperiment, CertaintyRun, run_certainty,
-};
+use localize::synthetic::certainty::{Behaviour, CertaintyExperiment, CertaintyRun, run_certainty};
 use localize::synthetic::certificates::{CertificateScore, evaluate_certificates};
 use localize::synthetic::drive::SyntheticDriveConfig;
 use localize::{Field, LocalizeConfig, Localizer};
@@ -85,7 +83,9 @@ pub(crate) fn run_certificates(
 ) -> Result<Vec<Metric>> {
     let field = Field::load(&runs.field)?;
     bar.set_length(runs.variants.len() as u64);
-    rows.header("variant,method,seed,answer_share,others_share_max,attained,best_matched_share,right")?;
+    rows.header(
+        "variant,method,seed,answer_share,others_share_max,attained,best_matched_share,right",
+    )?;
     let mut figures = Vec::new();
     for variant in &runs.variants {
         let mut config = LocalizeConfig::default();
@@ -94,8 +94,7 @@ pub(crate) fn run_certificates(
             range_max: variant.range_max,
             ..SyntheticDriveConfig::default()
         };
-        let scores =
-            evaluate_certificates(&field, &config, &drive, seeds.clone(), runs.starts);
+        let scores = evaluate_certificates(&field, &config, &drive, seeds.clone(), runs.starts);
         bar.inc(1);
         for score in &scores {
             rows.row(format_args!(
@@ -116,7 +115,10 @@ pub(crate) fn run_certificates(
 
 fn certificate_metrics(variant: &str, scores: &[CertificateScore]) -> Vec<Metric> {
     let percent = |get: &dyn Fn(&CertificateScore) -> f32| -> Vec<f64> {
-        scores.iter().map(|score| 100.0 * f64::from(get(score))).collect()
+        scores
+            .iter()
+            .map(|score| 100.0 * f64::from(get(score)))
+            .collect()
     };
     let count = |holds: &dyn Fn(&CertificateScore) -> bool| {
         scores.iter().filter(|score| holds(score)).count()
@@ -125,7 +127,12 @@ fn certificate_metrics(variant: &str, scores: &[CertificateScore]) -> Vec<Metric
     let clear = |score: &CertificateScore| score.others_share_max < score.answer_share;
     let excess = |score: &CertificateScore| score.best_matched_share - score.others_share_max;
     let mut figures = vec![
-        Metric::mean(variant, "exact", "the answer explains, %", &percent(&|s| s.answer_share)),
+        Metric::mean(
+            variant,
+            "exact",
+            "the answer explains, %",
+            &percent(&|s| s.answer_share),
+        ),
         Metric::mean(
             variant,
             "exact",
@@ -243,10 +250,26 @@ fn certainty_metrics(
         .map(|run| 100.0 * f64::from(run.wrong_share))
         .collect();
     vec![
-        Metric::mean(variant, method, "time until the right pose is tracked for good, s", &seconds),
+        Metric::mean(
+            variant,
+            method,
+            "time until the right pose is tracked for good, s",
+            &seconds,
+        ),
         Metric::median(variant, method, "median of it, s", seconds.clone()),
         Metric::mean(variant, method, "way until then, m", &ways),
-        Metric::proportion(variant, method, "not right at the end, %", undecided, runs.len()),
-        Metric::mean(variant, method, "images that track a wrong place, %", &wrong),
+        Metric::proportion(
+            variant,
+            method,
+            "not right at the end, %",
+            undecided,
+            runs.len(),
+        ),
+        Metric::mean(
+            variant,
+            method,
+            "images that track a wrong place, %",
+            &wrong,
+        ),
     ]
 }

@@ -86,7 +86,8 @@ pub(crate) fn run(
                 (seed, score.ok())
             })
             .collect();
-        let number = |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
+        let number =
+            |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
         for (seed, score) in &scores {
             let Some(score) = score else { continue };
             rows.row(format_args!(
@@ -128,8 +129,18 @@ fn metrics_of(variant: &str, scores: &[MappingScore], drives: usize) -> Vec<Metr
         Metric::mean(variant, "mapped", name, &values(get, scale))
     };
     vec![
-        Metric::proportion(variant, "mapped", "drives with a map, %", scores.len(), drives),
-        mean("error of the markings, root mean square, cm", &|s| Some(s.marking_error), 100.0),
+        Metric::proportion(
+            variant,
+            "mapped",
+            "drives with a map, %",
+            scores.len(),
+            drives,
+        ),
+        mean(
+            "error of the markings, root mean square, cm",
+            &|s| Some(s.marking_error),
+            100.0,
+        ),
         Metric::maximum(
             variant,
             "mapped",
@@ -137,10 +148,30 @@ fn metrics_of(variant: &str, scores: &[MappingScore], drives: usize) -> Vec<Metr
             &values(&|s| Some(s.marking_error_max), 100.0),
         ),
         mean("true markings found, %", &|s| Some(s.found_share), 100.0),
-        mean("mapped where nothing is painted, %", &|s| Some(s.false_share), 100.0),
-        mean("squared error over stated variance (1 is honest)", &|s| Some(s.normalized_error), 1.0),
-        mean("position error on the map, cm", &|s| s.position_error, 100.0),
-        mean("position error on the true field, cm", &|s| s.position_error_true_field, 100.0),
-        mean("images located within 0.5 m on the map, %", &|s| Some(s.tracked_share), 100.0),
+        mean(
+            "mapped where nothing is painted, %",
+            &|s| Some(s.false_share),
+            100.0,
+        ),
+        mean(
+            "squared error over stated variance (1 is honest)",
+            &|s| Some(s.normalized_error),
+            1.0,
+        ),
+        mean(
+            "position error on the map, cm",
+            &|s| s.position_error,
+            100.0,
+        ),
+        mean(
+            "position error on the true field, cm",
+            &|s| s.position_error_true_field,
+            100.0,
+        ),
+        mean(
+            "images located within 0.5 m on the map, %",
+            &|s| Some(s.tracked_share),
+            100.0,
+        ),
     ]
 }

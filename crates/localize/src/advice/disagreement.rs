@@ -69,8 +69,7 @@ pub(super) fn sample_markings(markings: &[Marking]) -> Vec<MarkingSample> {
             } => {
                 let count = pieces(radius * sweep);
                 samples.extend((0..count).map(|k| {
-                    let (sin, cos) =
-                        math::sin_cos(start + sweep * (k as f32 + 0.5) / count as f32);
+                    let (sin, cos) = math::sin_cos(start + sweep * (k as f32 + 0.5) / count as f32);
                     MarkingSample {
                         at: At::new(centre.x + radius * cos, centre.y + radius * sin),
                         tangent: [-sin, cos],
@@ -140,11 +139,16 @@ pub(super) fn disagreeing_samples(
             other_from_truth.y + sin * at.x + cos * at.y,
         )
     };
-    let unknown = samples.iter().enumerate().filter(|(k, _)| !checked.get(*k).is_some_and(|&seen| seen));
+    let unknown = samples
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| !checked.get(*k).is_some_and(|&seen| seen));
     let disagreeing = unknown.map(|(_, &sample)| {
         let (x, y) = moved(sample.at);
         let cost = residual.cost(distances.nearest(x, y).signed_distance.abs());
         DisagreeingSample { sample, cost }
     });
-    disagreeing.filter(|sample| sample.cost >= COST_MIN).collect()
+    disagreeing
+        .filter(|sample| sample.cost >= COST_MIN)
+        .collect()
 }

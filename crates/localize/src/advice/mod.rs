@@ -163,7 +163,10 @@ impl Advisor {
             }) {
                 break;
             }
-            if ![best, rival].iter().all(|&pose| self.is_on_carpet(pose * motion.transform)) {
+            if ![best, rival]
+                .iter()
+                .all(|&pose| self.is_on_carpet(pose * motion.transform))
+            {
                 continue;
             }
             let gain = log_odds_after(motion);
@@ -179,7 +182,9 @@ impl Advisor {
 
     /// Does the robot stay on the carpet?
     fn is_on_carpet(&self, pose: Pose) -> bool {
-        let [half_x, half_y] = self.half_extent.map(|half| half - self.config.edge_distance);
+        let [half_x, half_y] = self
+            .half_extent
+            .map(|half| half - self.config.edge_distance);
         pose.x.abs() <= half_x && pose.y.abs() <= half_y
     }
 }

@@ -72,7 +72,8 @@ impl Scene {
             pose: poses[k],
             checked: checked[k],
         });
-        self.advisor.advise(&self.distances, points, hypotheses, &WEIGHTS)
+        self.advisor
+            .advise(&self.distances, points, hypotheses, &WEIGHTS)
     }
 }
 
@@ -81,9 +82,14 @@ fn the_advice_leads_to_the_marking_that_only_one_hypothesis_predicts() {
     let scene = Scene::new(line_with_one_crossing(), 2.5);
     // Both look along x and see the line alone. The crossing is 3.2 m ahead of the first.
     let poses = [Pose::new(-0.2, 0.3, 0.0), Pose::new(-4.5, 0.3, 0.0)];
-    let advice = scene.advise(&scene.points(poses[0]), poses).expect("a motion");
+    let advice = scene
+        .advise(&scene.points(poses[0]), poses)
+        .expect("a motion");
     let [x, y, turn] = advice.motion;
-    assert!((0.75..=2.0).contains(&x) && y.abs() < 0.9 && turn == 0.0, "{advice:?}");
+    assert!(
+        (0.75..=2.0).contains(&x) && y.abs() < 0.9 && turn == 0.0,
+        "{advice:?}"
+    );
     // The hypotheses swapped: either may be true.
     let swapped = scene.advise(&scene.points(poses[0]), [poses[1], poses[0]]);
     assert_eq!(swapped.map(|advice| advice.motion), Some(advice.motion));
@@ -95,8 +101,13 @@ fn the_advice_is_given_in_the_robot_frame() {
     let quarter = std::f32::consts::FRAC_PI_2;
     // Turned to the left, the crossing is to the right.
     let poses = [Pose::new(-0.2, 0.3, quarter), Pose::new(-4.5, 0.3, quarter)];
-    let advice = scene.advise(&scene.points(poses[0]), poses).expect("a motion");
-    assert!(advice.motion[1] < -0.7 && advice.motion[0].abs() < 0.9, "{advice:?}");
+    let advice = scene
+        .advise(&scene.points(poses[0]), poses)
+        .expect("a motion");
+    assert!(
+        advice.motion[1] < -0.7 && advice.motion[0].abs() < 0.9,
+        "{advice:?}"
+    );
 }
 
 #[test]
@@ -123,11 +134,16 @@ fn markings_that_were_in_view_without_a_decision_are_not_visited_again() {
     let points = scene.points(poses[0]);
     let mut checked = CheckedMarkings::default();
     for x in [-0.2, 1.5, 3.0, 4.5] {
-        scene.advisor.mark_checked(&mut checked, Pose::new(x, 0.3, 0.0), &points);
+        scene
+            .advisor
+            .mark_checked(&mut checked, Pose::new(x, 0.3, 0.0), &points);
     }
     let first = scene.advise(&points, poses).expect("a motion");
     let again = scene.advise_considering(&points, poses, [&checked, &CheckedMarkings::default()]);
-    assert!(again.is_none_or(|again| again.motion != first.motion), "{again:?}");
+    assert!(
+        again.is_none_or(|again| again.motion != first.motion),
+        "{again:?}"
+    );
 }
 
 #[test]

@@ -2,8 +2,8 @@
 
 use std::f32::consts::TAU;
 
-use super::disagreement::{DisagreeingSample, MarkingSample};
 use super::AdviceConfig;
+use super::disagreement::{DisagreeingSample, MarkingSample};
 use crate::frames::Pose;
 use crate::math;
 use crate::sample::LinePoint;
@@ -70,11 +70,7 @@ impl View {
     }
 
     /// Expected cost under the other hypothesis of the points seen at `pose`. The covered sectors turn with the robot.
-    pub(super) fn expected_cost(
-        &self,
-        samples: &[DisagreeingSample],
-        pose: Pose,
-    ) -> f32 {
+    pub(super) fn expected_cost(&self, samples: &[DisagreeingSample], pose: Pose) -> f32 {
         let sum: f32 = samples
             .iter()
             .filter_map(|DisagreeingSample { sample, cost }| {

@@ -220,7 +220,8 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
         ),
     ] {
         if !stds.is_empty() && stds.len() != markings {
-            let reason = "is the count of standard deviations, but not that of the markings' numbers";
+            let reason =
+                "is the count of standard deviations, but not that of the markings' numbers";
             return invalid_size(key, stds.len() as f32, reason);
         }
         if let Some(&value) = stds.iter().find(|std| !(0.0..=10.0).contains(*std)) {
@@ -234,7 +235,10 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
 fn check_arcs(config: &FieldConfig, limit: f32) -> Result<(), FieldError> {
     let key = "extra_arcs";
     for &[x, y, radius, start, sweep] in &config.extra_arcs {
-        if let Some(far) = [x, y, radius].into_iter().find(|value| !(value.abs() <= limit)) {
+        if let Some(far) = [x, y, radius]
+            .into_iter()
+            .find(|value| !(value.abs() <= limit))
+        {
             return invalid_size(key, far, "lies farther off than the field is long");
         }
         if radius <= 0.0 {

@@ -142,14 +142,17 @@ impl Field {
                 .iter()
                 .map(|&[x0, y0, x1, y1]| line(x0, y0, x1, y1)),
         );
-        markings.extend(config.extra_arcs.iter().map(
-            |&[x, y, radius, start_deg, sweep_deg]| Marking::Arc {
-                centre: At::new(x, y),
-                radius,
-                start: start_deg.to_radians(),
-                sweep: sweep_deg.to_radians(),
-            },
-        ));
+        markings.extend(
+            config
+                .extra_arcs
+                .iter()
+                .map(|&[x, y, radius, start_deg, sweep_deg]| Marking::Arc {
+                    centre: At::new(x, y),
+                    radius,
+                    start: start_deg.to_radians(),
+                    sweep: sweep_deg.to_radians(),
+                }),
+        );
         Ok(Field {
             length: 2.0 * half_length,
             width: 2.0 * half_width,

@@ -58,7 +58,10 @@ pub(super) fn average(keyframes: &[Keyframe], config: &FieldMappingConfig) -> Ve
     };
     let counts: Vec<f32> = cells.keys().map(|&key| around(key, 1).count).collect();
     let least = TYPICAL_SHARE_MIN * typical_count(&counts);
-    let kept = cells.iter().zip(&counts).filter(|(_, count)| **count >= least);
+    let kept = cells
+        .iter()
+        .zip(&counts)
+        .filter(|(_, count)| **count >= least);
     kept.map(|((&key, cell), _)| {
         let (_, [xx, xy, yy]) = around(key, DIRECTION_CELLS).moments();
         let (sin, cos) = math::sin_cos(0.5 * math::atan2(2.0 * xy, xx - yy));

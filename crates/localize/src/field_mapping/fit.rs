@@ -79,7 +79,8 @@ impl Circle {
         let (dx, dy) = (b.at[0] - a.at[0], b.at[1] - a.at[1]);
         let along = (dx * by - dy * bx) / cross;
         let centre = [a.at[0] + along * ax, a.at[1] + along * ay];
-        let radii = [a, b].map(|element| math::hypot(element.at[0] - centre[0], element.at[1] - centre[1]));
+        let radii =
+            [a, b].map(|element| math::hypot(element.at[0] - centre[0], element.at[1] - centre[1]));
         let radius = 0.5 * (radii[0] + radii[1]);
         ((radii[0] - radii[1]).abs() < 0.1 * radius).then_some(Circle { centre, radius })
     }
@@ -100,7 +101,10 @@ impl Circle {
         for _ in 0..CIRCLE_STEPS {
             let mut normal = Matrix3::zeros();
             let mut gradient = Vector3::zeros();
-            let total: f64 = elements.iter().map(|element| f64::from(element.weight)).sum();
+            let total: f64 = elements
+                .iter()
+                .map(|element| f64::from(element.weight))
+                .sum();
             for element in elements {
                 let [x, y] = element.at;
                 let distance = math::hypot(x - self.centre[0], y - self.centre[1]).max(1e-3);
@@ -115,7 +119,10 @@ impl Circle {
             }
             inverse = normal.try_inverse()?;
             let step = inverse * gradient;
-            self.centre = [self.centre[0] - step[0] as f32, self.centre[1] - step[1] as f32];
+            self.centre = [
+                self.centre[0] - step[0] as f32,
+                self.centre[1] - step[1] as f32,
+            ];
             self.radius -= step[2] as f32;
         }
         (self.radius > 0.0).then_some((self, inverse))
@@ -145,7 +152,10 @@ pub(super) fn std_across(elements: &[&Element], across: impl Fn([f32; 2]) -> f32
         return UNKNOWN_STD;
     }
     let mean = means.iter().sum::<f32>() / count;
-    let squares: f32 = means.iter().map(|value| (value - mean) * (value - mean)).sum();
+    let squares: f32 = means
+        .iter()
+        .map(|value| (value - mean) * (value - mean))
+        .sum();
     // A few parts may agree by chance.
     let prior = UNKNOWN_STD * UNKNOWN_STD;
     ((squares + prior) / (count * count)).sqrt()

@@ -78,7 +78,10 @@ pub(super) fn select(
         }));
     }
     for keyframe in &mut keyframes {
-        let (count, step) = (keyframe.points.len(), keyframe.points.len().div_ceil(POINTS_MAX));
+        let (count, step) = (
+            keyframe.points.len(),
+            keyframe.points.len().div_ceil(POINTS_MAX),
+        );
         if count > POINTS_MAX {
             let thinned = keyframe.points.iter().step_by(step).copied().collect();
             keyframe.points = thinned;

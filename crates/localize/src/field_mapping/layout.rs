@@ -76,7 +76,13 @@ fn add_shape(field: &mut FieldConfig, shape: &Shape, field_from_map: MapMotion) 
         } => {
             let at = moved(centre);
             let start = crate::frames::wrap_angle(start + field_from_map.theta);
-            let arc = [at.x, at.y, radius, start.to_degrees(), sweep.to_degrees().min(360.0)];
+            let arc = [
+                at.x,
+                at.y,
+                radius,
+                start.to_degrees(),
+                sweep.to_degrees().min(360.0),
+            ];
             field.extra_arcs.push(arc);
             field.extra_arcs_std.push(std);
         }

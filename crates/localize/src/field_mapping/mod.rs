@@ -50,7 +50,9 @@ pub enum FieldMappingError {
     #[error("the wheels report no motion: a map needs a drive of several metres past the lines")]
     NoMotion,
     /// No line or arc.
-    #[error("no line or arc found in the line points of {0} images (expected straight pieces of at least half a metre)")]
+    #[error(
+        "no line or arc found in the line points of {0} images (expected straight pieces of at least half a metre)"
+    )]
     NoMarkings(usize),
 }
 
@@ -75,8 +77,14 @@ pub fn map_field(
     let (field, field_from_map) = layout::lay_out(&shapes, config);
     let (explained_share, residual) = shapes::explained(&shapes, &elements, config);
     Ok(MappedField {
-        poses: keyframes.iter().map(|keyframe| field_from_map * keyframe.pose).collect(),
-        keyframe_images: keyframes.iter().map(|keyframe| keyframe.first_image).collect(),
+        poses: keyframes
+            .iter()
+            .map(|keyframe| field_from_map * keyframe.pose)
+            .collect(),
+        keyframe_images: keyframes
+            .iter()
+            .map(|keyframe| keyframe.first_image)
+            .collect(),
         odometry_correction: correction.rows(),
         config: field,
         explained_share,

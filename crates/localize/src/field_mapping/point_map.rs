@@ -106,11 +106,17 @@ impl PointMap {
     }
 
     fn key(&self, at: At<FieldFrame>) -> (i32, i32) {
-        ((at.x / self.cell).floor() as i32, (at.y / self.cell).floor() as i32)
+        (
+            (at.x / self.cell).floor() as i32,
+            (at.y / self.cell).floor() as i32,
+        )
     }
 
     fn within(&self, at: At<FieldFrame>, key: (i32, i32)) -> (f32, f32) {
-        (at.x - key.0 as f32 * self.cell, at.y - key.1 as f32 * self.cell)
+        (
+            at.x - key.0 as f32 * self.cell,
+            at.y - key.1 as f32 * self.cell,
+        )
     }
 
     /// The piece of line nearest to a point, not counting the points of `without`, and whether those alone know the place.
@@ -166,10 +172,7 @@ impl PointMap {
         let angle = 0.5 * crate::math::atan2(2.0 * xy, xx - yy);
         let (sin, cos) = crate::math::sin_cos(angle);
         Some(LinePiece {
-            mean: At::new(
-                key.0 as f32 * self.cell + x,
-                key.1 as f32 * self.cell + y,
-            ),
+            mean: At::new(key.0 as f32 * self.cell + x, key.1 as f32 * self.cell + y),
             normal: [-sin, cos],
             across,
         })

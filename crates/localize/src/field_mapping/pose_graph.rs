@@ -49,7 +49,9 @@ impl OdometryCorrection {
     /// The true motion from the measured one.
     pub(super) fn apply(&self, motion: Pose) -> Tf<RobotFrame, RobotFrame> {
         let measured = vector(motion);
-        let [x, y, theta] = (measured + self.error * measured).map(|value| value as f32).into();
+        let [x, y, theta] = (measured + self.error * measured)
+            .map(|value| value as f32)
+            .into();
         Tf::new(x, y, theta)
     }
 
@@ -119,11 +121,8 @@ impl<'a> PoseGraph<'a> {
         let distance = measured.xy().norm();
         let along = noise * distance + 0.003;
         let turn = noise * measured[2].abs() + 0.01 * distance + 0.003;
-        let information = Matrix3::from_diagonal(&Vector3::new(
-            along.powi(-2),
-            along.powi(-2),
-            turn.powi(-2),
-        ));
+        let information =
+            Matrix3::from_diagonal(&Vector3::new(along.powi(-2), along.powi(-2), turn.powi(-2)));
         let (sin, cos) = math::sin_cos(f64::from(from.pose.theta));
         let turned = Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0);
         let mut of_from = -turned;

@@ -102,7 +102,9 @@ impl Shape {
             } => {
                 let circle = Circle { centre, radius };
                 let turned = (circle.angle(at) - start).rem_euclid(std::f32::consts::TAU);
-                let beyond = (turned - sweep).max(0.0).min(std::f32::consts::TAU - turned);
+                let beyond = (turned - sweep)
+                    .max(0.0)
+                    .min(std::f32::consts::TAU - turned);
                 let beyond = if turned <= sweep { 0.0 } else { beyond };
                 math::hypot(circle.across(at), radius * beyond)
             }
@@ -122,7 +124,10 @@ pub(super) fn explained(
     let [mut all, mut on, mut squares] = [0.0_f32; 3];
     for element in elements {
         all += element.weight;
-        let nearest = shapes.iter().map(|shape| shape.distance(element.at)).fold(f32::MAX, f32::min);
+        let nearest = shapes
+            .iter()
+            .map(|shape| shape.distance(element.at))
+            .fold(f32::MAX, f32::min);
         if nearest <= EXPLAINED * config.shape_tolerance {
             on += element.weight;
             squares += element.weight * nearest * nearest;
@@ -145,7 +150,10 @@ fn best_line<'a>(
             direction: [seed.normal[1], -seed.normal[0]],
         };
         let members = line_members(&line, free, config);
-        if best.as_ref().is_none_or(|(_, most)| members.len() > most.len()) {
+        if best
+            .as_ref()
+            .is_none_or(|(_, most)| members.len() > most.len())
+        {
             best = Some((line, members));
         }
     }
@@ -221,7 +229,10 @@ fn best_arc<'a>(
             continue;
         }
         let members = arc_members(&circle, free, config);
-        if best.as_ref().is_none_or(|(_, most)| members.len() > most.len()) {
+        if best
+            .as_ref()
+            .is_none_or(|(_, most)| members.len() > most.len())
+        {
             best = Some((circle, members));
         }
     }
@@ -250,7 +261,10 @@ fn arc_members<'a>(
     config: &FieldMappingConfig,
 ) -> Vec<&'a Element> {
     let on_circle = |element: &&&Element| {
-        let (dx, dy) = (element.at[0] - circle.centre[0], element.at[1] - circle.centre[1]);
+        let (dx, dy) = (
+            element.at[0] - circle.centre[0],
+            element.at[1] - circle.centre[1],
+        );
         let distance = math::hypot(dx, dy).max(1e-3);
         let [nx, ny] = element.normal;
         (distance - circle.radius).abs() <= config.shape_tolerance
@@ -269,7 +283,10 @@ fn arc_members<'a>(
 
 /// The angles from the end of the largest gap on, so that no run is cut at ±180°.
 fn unrolled(mut sorted: Vec<(f32, &Element)>, gap: f32) -> Vec<(f32, &Element)> {
-    let Some(cut) = sorted.windows(2).position(|pair| pair[1].0 - pair[0].0 > gap) else {
+    let Some(cut) = sorted
+        .windows(2)
+        .position(|pair| pair[1].0 - pair[0].0 > gap)
+    else {
         return sorted;
     };
     sorted.rotate_left(cut + 1);
@@ -336,7 +353,10 @@ fn join_ends(shapes: &mut [Shape]) {
             continue;
         };
         let others = || {
-            let others = lines.iter().enumerate().filter(|(other, _)| *other != index);
+            let others = lines
+                .iter()
+                .enumerate()
+                .filter(|(other, _)| *other != index);
             others.filter_map(|(_, line)| *line)
         };
         let ends = [(*from, *to), (*to, *from)].map(|(end, opposite)| {

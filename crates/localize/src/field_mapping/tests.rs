@@ -5,7 +5,10 @@ use crate::synthetic::rough_drive::RoughDriveConfig;
 
 /// A floor that nobody painted for a league, without symmetry.
 fn taped_hall() -> Field {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/fields/drawn/taped_hall.toml");
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../config/fields/drawn/taped_hall.toml"
+    );
     Field::load(std::path::Path::new(path)).expect("a field")
 }
 
@@ -23,8 +26,14 @@ fn a_taped_hall_is_mapped_with_unequal_wheels_within_3_cm() {
     let config = FieldMappingConfig::default();
     let score = evaluate_mapping(&taped_hall(), &slow_drive(), &config, 60.0, 1).expect("a map");
     assert!(score.marking_error < 0.03, "{score:?}");
-    assert!(score.found_share > 0.9 && score.false_share < 0.1, "{score:?}");
-    assert!(score.position_error.is_some_and(|error| error < 0.06), "{score:?}");
+    assert!(
+        score.found_share > 0.9 && score.false_share < 0.1,
+        "{score:?}"
+    );
+    assert!(
+        score.position_error.is_some_and(|error| error < 0.06),
+        "{score:?}"
+    );
     assert!(score.tracked_share > 0.9, "{score:?}");
 }
 
@@ -47,7 +56,10 @@ fn a_robot_that_stands_or_sees_nothing_yields_a_reason() {
         };
         20
     ];
-    assert_eq!(map_field(&standing, &config), Err(FieldMappingError::NoMotion));
+    assert_eq!(
+        map_field(&standing, &config),
+        Err(FieldMappingError::NoMotion)
+    );
 }
 
 #[test]
@@ -75,5 +87,10 @@ fn points_that_are_no_numbers_are_left_out() {
     }
     let mapped = map_field(&images, &FieldMappingConfig::default()).expect("a map");
     let lengths = mapped.config.extra_lines.iter();
-    assert!(lengths.map(|[x0, _, x1, _]| (x1 - x0).abs()).fold(0.0, f32::max) > 2.0);
+    assert!(
+        lengths
+            .map(|[x0, _, x1, _]| (x1 - x0).abs())
+            .fold(0.0, f32::max)
+            > 2.0
+    );
 }

@@ -60,17 +60,12 @@ pub fn evaluate_certificates(
         };
         let best_matched_share = (0..starts)
             .map(|_| random_pose(field, &mut rng))
-            .map(|start| {
-                matcher
-                    .refine(&distances, &points, start, START_ERROR)
-                    .pose
-            })
+            .map(|start| matcher.refine(&distances, &points, start, START_ERROR).pose)
             .filter(|&pose| !is_answer(pose))
             .map(|pose| search.explained_share(&distances, pose))
             .fold(0.0, f32::max);
-        let near = |pose: crate::frames::Pose| {
-            pose.origin().distance_to(truth.origin()) < RIGHT_DISTANCE
-        };
+        let near =
+            |pose: crate::frames::Pose| pose.origin().distance_to(truth.origin()) < RIGHT_DISTANCE;
         scores.push(CertificateScore {
             seed,
             answer_share: certificate.answer_share,

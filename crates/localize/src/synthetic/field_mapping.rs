@@ -89,7 +89,13 @@ pub fn evaluate_mapping(
     });
     let found_share = seen.count() as f32 / truth.len().max(1) as f32;
     let localized = localize(&found, field, true_from_found, drive, seed + 1_000_000);
-    let on_truth = localize(field, field, Tf::new(0.0, 0.0, 0.0), drive, seed + 1_000_000);
+    let on_truth = localize(
+        field,
+        field,
+        Tf::new(0.0, 0.0, 0.0),
+        drive,
+        seed + 1_000_000,
+    );
     Ok(MappingScore {
         marking_error: (squares / near.max(1.0)).sqrt(),
         marking_error_max: most,
@@ -116,7 +122,10 @@ pub fn map_drive(
     let count = (seconds * drive.frame_rate) as usize;
     let mut images = Vec::with_capacity(count);
     let mut start = Pose::new(0.0, 0.0, 0.0);
-    for (k, sample) in RoughDrive::new(field, drive.clone(), rng).take(count).enumerate() {
+    for (k, sample) in RoughDrive::new(field, drive.clone(), rng)
+        .take(count)
+        .enumerate()
+    {
         if k == 0 {
             start = sample.true_pose;
         }
@@ -134,7 +143,11 @@ fn distances(field: &Field) -> DistanceField {
 }
 
 /// The motion from the found field to the true one that brings their markings together.
-fn align(field: &Field, found: &Field, start: Tf<FieldFrame, FieldFrame>) -> Tf<FieldFrame, FieldFrame> {
+fn align(
+    field: &Field,
+    found: &Field,
+    start: Tf<FieldFrame, FieldFrame>,
+) -> Tf<FieldFrame, FieldFrame> {
     let points: Vec<LinePoint> = marking_points(found)
         .iter()
         .map(|at| LinePoint {
@@ -149,7 +162,9 @@ fn align(field: &Field, found: &Field, start: Tf<FieldFrame, FieldFrame>) -> Tf<
         ..Default::default()
     });
     let start = Pose::new(start.x, start.y, start.theta);
-    let pose = matcher.refine(&distances(field), &points, start, ALIGNMENT_ERROR).pose;
+    let pose = matcher
+        .refine(&distances(field), &points, start, ALIGNMENT_ERROR)
+        .pose;
     Tf::new(pose.x, pose.y, pose.theta)
 }
 
@@ -162,7 +177,10 @@ fn marking_points(field: &Field) -> Vec<At<FieldFrame>> {
                 let count = (from.distance_to(to) / SPACING).ceil().max(1.0) as usize;
                 points.extend((0..=count).map(|k| {
                     let share = k as f32 / count as f32;
-                    At::new(from.x + share * (to.x - from.x), from.y + share * (to.y - from.y))
+                    At::new(
+                        from.x + share * (to.x - from.x),
+                        from.y + share * (to.y - from.y),
+                    )
                 }));
             }
             Marking::Arc {
@@ -191,7 +209,11 @@ fn normalized_error(
     truth: &DistanceField,
 ) -> f32 {
     let [mut sum, mut count] = [0.0_f32; 2];
-    let lines = found.config.extra_lines.iter().zip(&found.config.extra_lines_std);
+    let lines = found
+        .config
+        .extra_lines
+        .iter()
+        .zip(&found.config.extra_lines_std);
     for (&[x0, y0, x1, y1], &[std_x, std_y, ..]) in lines {
         let length = math::hypot(x1 - x0, y1 - y0).max(1e-6);
         let at = true_from_found * At::new(0.5 * (x0 + x1), 0.5 * (y0 + y1));
@@ -224,7 +246,10 @@ fn localize(
     let rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let images = (LOCALIZED_SECONDS * drive.frame_rate) as usize;
     let [mut sum, mut near, mut count] = [0.0_f32; 3];
-    for (k, sample) in RoughDrive::new(field, drive.clone(), rng).take(images).enumerate() {
+    for (k, sample) in RoughDrive::new(field, drive.clone(), rng)
+        .take(images)
+        .enumerate()
+    {
         localizer.add_odometry(&sample.odometry);
         let estimate = localizer.process_points(sample.stamp, &sample.points);
         if (k as f64) < SETTLED_SECONDS * drive.frame_rate {

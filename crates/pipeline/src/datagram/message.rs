@@ -367,7 +367,9 @@ impl State {
                 inlier_share: estimate.inlier_share,
                 see_ms: cycle.timings.see_ms,
                 localize_ms: cycle.timings.localize_ms,
-                advice: estimate.advice.map_or_else(String::new, |advice| advice.text()),
+                advice: estimate
+                    .advice
+                    .map_or_else(String::new, |advice| advice.text()),
                 advised_motion: match estimate.advice {
                     Some(Advice::Move(advice)) => advice.motion.to_vec(),
                     _ => Vec::new(),

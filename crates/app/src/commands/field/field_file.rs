@@ -100,7 +100,11 @@ pub(super) fn write(path: &Path, field: &FieldConfig, origin: &str) -> Result<()
         table(
             "extra_lines_std",
             "their standard deviations, metres",
-            field.extra_lines_std.iter().map(|std| std.to_vec()).collect(),
+            field
+                .extra_lines_std
+                .iter()
+                .map(|std| std.to_vec())
+                .collect(),
         ),
         table(
             "extra_arcs",
@@ -110,7 +114,11 @@ pub(super) fn write(path: &Path, field: &FieldConfig, origin: &str) -> Result<()
         table(
             "extra_arcs_std",
             "standard deviations of centre and radius, metres",
-            field.extra_arcs_std.iter().map(|std| std.to_vec()).collect(),
+            field
+                .extra_arcs_std
+                .iter()
+                .map(|std| std.to_vec())
+                .collect(),
         ),
     );
     write_file(path, text).with_context(|| format!("cannot write {}", path.display()))
@@ -192,7 +200,9 @@ impl Outcome {
             self.size[1]
         );
         if self.half_turn_symmetric {
-            println!("a half turn changes nothing: a compass or a team-mate must tell the halves apart");
+            println!(
+                "a half turn changes nothing: a compass or a team-mate must tell the halves apart"
+            );
         }
         if let Some(mapping) = &self.mapping {
             println!(

@@ -22,8 +22,10 @@ use crate::interrupt;
 /// The camera or its map must be calibrated. Drive past every marking, slowly, and come back to the start. The field that
 /// robot.toml names is not used, but for the width of its lines.
 #[derive(clap::Args)]
-#[command(after_help = "Example: mirrorball field from-recording drive/ --out hall.toml\n         \
-                  mirrorball field from-recording drive.mcap --line-width 0.05 --out hall.toml")]
+#[command(
+    after_help = "Example: mirrorball field from-recording drive/ --out hall.toml\n         \
+                  mirrorball field from-recording drive.mcap --line-width 0.05 --out hall.toml"
+)]
 pub(super) struct Args {
     /// A recording folder with odometry.csv, or a log.
     #[arg(value_name = "DIR|LOG")]

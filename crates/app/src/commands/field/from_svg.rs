@@ -16,8 +16,10 @@ use crate::commands::arguments::UsageError;
 /// The drawing shows the centre lines of the markings. Sizes come from its width in mm, cm, m or in and its viewBox, or from
 /// --scale. Its y axis points down, that of the field to the left of x.
 #[derive(clap::Args)]
-#[command(after_help = "Example: mirrorball field from-svg hall.svg --out hall.toml\n         \
-                  mirrorball field from-svg hall.svg --scale 0.001 --line-width 0.05 --out hall.toml")]
+#[command(
+    after_help = "Example: mirrorball field from-svg hall.svg --out hall.toml\n         \
+                  mirrorball field from-svg hall.svg --scale 0.001 --line-width 0.05 --out hall.toml"
+)]
 pub(super) struct Args {
     /// The drawing.
     svg: PathBuf,
@@ -42,20 +44,29 @@ const NOT_DRAWN: [&str; 8] = [
 
 /// Runs the command.
 pub(super) fn run(args: &Args, json: bool) -> Result<()> {
-    if args.scale.is_some_and(|scale| !(scale > 0.0 && scale.is_finite())) {
+    if args
+        .scale
+        .is_some_and(|scale| !(scale > 0.0 && scale.is_finite()))
+    {
         return Err(UsageError("--scale must be a positive number of metres".to_owned()).into());
     }
     let text = std::fs::read_to_string(&args.svg)
         .with_context(|| format!("cannot read {}", args.svg.display()))?;
-    let drawing = read_drawing(&text, args.scale)
-        .with_context(|| args.svg.display().to_string())?;
+    let drawing =
+        read_drawing(&text, args.scale).with_context(|| args.svg.display().to_string())?;
     let field = lay_out(&drawing, args).with_context(|| args.svg.display().to_string())?;
-    field_file::write(&args.out, &field, &format!("Drawn: {}.", file_name(&args.svg)))?;
+    field_file::write(
+        &args.out,
+        &field,
+        &format!("Drawn: {}.", file_name(&args.svg)),
+    )?;
     Outcome::new(&args.out, &field, drawing.warnings)?.print(json)
 }
 
 fn file_name(path: &Path) -> String {
-    path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+    path.file_name()
+        .map(|name| name.to_string_lossy().into_owned())
+        .unwrap_or_default()
 }
 
 /// Lines and arcs of a drawing, metres; y points down.
@@ -91,7 +102,9 @@ fn read_drawing(text: &str, scale: Option<f64>) -> Result<Drawing> {
                     }
                     continue;
                 }
-                let outer = transforms.last().map_or(Similarity::default(), |(_, outer)| *outer);
+                let outer = transforms
+                    .last()
+                    .map_or(Similarity::default(), |(_, outer)| *outer);
                 let own = match get("transform") {
                     Some(text) => Similarity::parse(text).with_context(|| format!("<{name}>"))?,
                     None => Similarity::default(),
@@ -126,7 +139,11 @@ fn read_drawing(text: &str, scale: Option<f64>) -> Result<Drawing> {
         "no markings (expected line, polyline, polygon, rect, circle or path)"
     );
     let scaled = Similarity::scaling(scale);
-    drawing.strokes = drawing.strokes.iter().map(|stroke| scaled.stroke(stroke)).collect();
+    drawing.strokes = drawing
+        .strokes
+        .iter()
+        .map(|stroke| scaled.stroke(stroke))
+        .collect();
     Ok(drawing)
 }
 
@@ -138,7 +155,8 @@ fn page_scale(width: Option<&str>, view_box: Option<&str>) -> Result<f64> {
     let found = units
         .iter()
         .find_map(|(unit, metres)| Some((width.strip_suffix(unit)?, *metres)));
-    let (number, metres) = found.with_context(|| format!("width: {width:?} has no unit of length. {hint}"))?;
+    let (number, metres) =
+        found.with_context(|| format!("width: {width:?} has no unit of length. {hint}"))?;
     let value: f64 = number
         .trim()
         .parse()
@@ -150,7 +168,11 @@ fn page_scale(width: Option<&str>, view_box: Option<&str>) -> Result<f64> {
     for value in &mut values {
         *value = scanner.number().context("viewBox")?;
     }
-    ensure!(values[2] > 0.0, "invalid viewBox: width {} (expected more than 0)", values[2]);
+    ensure!(
+        values[2] > 0.0,
+        "invalid viewBox: width {} (expected more than 0)",
+        values[2]
+    );
     Ok(value * metres / values[2])
 }
 
@@ -186,7 +208,12 @@ fn element_strokes<'a>(
             let (x, y) = (number("x")?, number("y")?);
             let (width, height) = (number("width")?, number("height")?);
             ensure!(width > 0.0 && height > 0.0, "a rectangle without a size");
-            let corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]];
+            let corners = [
+                [x, y],
+                [x + width, y],
+                [x + width, y + height],
+                [x, y + height],
+            ];
             closed(&corners, true)
         }
         "circle" => {
@@ -261,7 +288,10 @@ fn outline(stroke: &Stroke) -> Vec<[f64; 2]> {
             .map(|k| {
                 let (sin, cos) = (sweep * f64::from(k) / 32.0).sin_cos();
                 let (dx, dy) = (start[0] - centre[0], start[1] - centre[1]);
-                [centre[0] + cos * dx - sin * dy, centre[1] + sin * dx + cos * dy]
+                [
+                    centre[0] + cos * dx - sin * dy,
+                    centre[1] + sin * dx + cos * dy,
+                ]
             })
             .collect(),
     }

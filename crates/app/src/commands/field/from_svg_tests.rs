@@ -35,7 +35,10 @@ fn groups_turn_scale_and_mirror_their_elements() {
     let [x, y, radius, start, sweep] = field.extra_arcs[0];
     assert!((radius - 1.0).abs() < 1e-5 && (sweep - 90.0).abs() < 1e-3);
     // On the field y points up again, so the arc runs counter-clockwise from its start on the right.
-    assert!(start.abs() < 1e-3 || (start - 360.0).abs() < 1e-3, "{start}");
+    assert!(
+        start.abs() < 1e-3 || (start - 360.0).abs() < 1e-3,
+        "{start}"
+    );
     let [x0, y0, x1, y1] = field.extra_lines[0];
     assert!((x - 0.5 * (x0 + x1)).abs() < 1e-5 && (y - 0.5 * (y0 + y1)).abs() < 1e-5);
 }
@@ -48,9 +51,17 @@ fn what_cannot_be_read_is_refused_with_a_hint() {
     };
     assert!(message("<svg width='100' viewBox='0 0 1 1'><line x2='1'/></svg>").contains("--scale"));
     assert!(message("<svg width='10m' viewBox='0 0 10 10'></svg>").contains("no markings"));
-    assert!(message("<svg width='10m' viewBox='0 0 10 10'><g transform='scale(1,2)'/></svg>").contains("distorts"));
-    assert!(message("<svg width='10m' viewBox='0 0 10 10'><path d='M0 0Q1 1 2 2'/></svg>").contains("'Q'"));
-    assert!(message("<svg width='900m' viewBox='0 0 1 1'><line x2='1'/></svg>").contains("scale right"));
+    assert!(
+        message("<svg width='10m' viewBox='0 0 10 10'><g transform='scale(1,2)'/></svg>")
+            .contains("distorts")
+    );
+    assert!(
+        message("<svg width='10m' viewBox='0 0 10 10'><path d='M0 0Q1 1 2 2'/></svg>")
+            .contains("'Q'")
+    );
+    assert!(
+        message("<svg width='900m' viewBox='0 0 1 1'><line x2='1'/></svg>").contains("scale right")
+    );
 }
 
 #[test]
@@ -61,7 +72,13 @@ fn the_shipped_drawing_is_the_shipped_field() {
     let shipped = localize::Field::load(&folder.join("taped_hall.toml")).expect("a field");
     assert_eq!(drawn.line_width, shipped.config.line_width);
     let (lines, arcs) = (&shipped.config.extra_lines, &shipped.config.extra_arcs);
-    let near = |a: &[f32], b: &[f32]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3);
+    let near = |a: &[f32], b: &[f32]| {
+        a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3)
+    };
     assert!(near(drawn.extra_lines.as_flattened(), lines.as_flattened()));
-    assert!(near(drawn.extra_arcs.as_flattened(), arcs.as_flattened()), "{:?}", drawn.extra_arcs);
+    assert!(
+        near(drawn.extra_arcs.as_flattened(), arcs.as_flattened()),
+        "{:?}",
+        drawn.extra_arcs
+    );
 }

@@ -12,8 +12,10 @@ use clap::Subcommand;
 
 /// Make a field file: from a drawing of the markings, or from a drive past unknown ones.
 #[derive(clap::Args)]
-#[command(after_help = "Example: mirrorball field from-svg hall.svg --out hall.toml\n         \
-                  mirrorball field from-recording drive/ --out hall.toml")]
+#[command(
+    after_help = "Example: mirrorball field from-svg hall.svg --out hall.toml\n         \
+                  mirrorball field from-recording drive/ --out hall.toml"
+)]
 pub(crate) struct Args {
     #[command(subcommand)]
     source: Source,

@@ -85,7 +85,10 @@ fn start_tag(text: &str) -> Result<(Tag, usize)> {
             break;
         };
         let value = value.trim_start();
-        let mark = value.chars().next().filter(|mark| ['"', '\''].contains(mark));
+        let mark = value
+            .chars()
+            .next()
+            .filter(|mark| ['"', '\''].contains(mark));
         let mark = mark.with_context(|| format!("attribute {} without quotes", key.trim()))?;
         let (content, after) = value[1..]
             .split_once(mark)

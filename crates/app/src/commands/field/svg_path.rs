@@ -67,10 +67,14 @@ impl<'a> Scanner<'a> {
             end += 1;
         }
         let text = self.rest.get(..end).unwrap_or_default();
-        let value: f64 = text.parse().ok().filter(|value: &f64| value.is_finite()).with_context(|| {
-            let near: String = self.rest.chars().take(12).collect();
-            format!("no number at {near:?}")
-        })?;
+        let value: f64 = text
+            .parse()
+            .ok()
+            .filter(|value: &f64| value.is_finite())
+            .with_context(|| {
+                let near: String = self.rest.chars().take(12).collect();
+                format!("no number at {near:?}")
+            })?;
         self.rest = &self.rest[end..];
         Ok(value)
     }
@@ -106,7 +110,11 @@ pub(super) fn strokes(text: &str) -> Result<Vec<Stroke>> {
             None => bail!("path with the sign {:?}", scanner.rest.chars().next()),
         };
         let letter = command.context("path without a command")?;
-        let origin = if letter.is_ascii_lowercase() { at } else { [0.0; 2] };
+        let origin = if letter.is_ascii_lowercase() {
+            at
+        } else {
+            [0.0; 2]
+        };
         let from = at;
         match letter.to_ascii_uppercase() {
             'M' => {
@@ -170,7 +178,11 @@ fn arc(
     ];
     let angle = |point: [f64; 2]| (point[1] - centre[1]).atan2(point[0] - centre[0]);
     let turn = (angle(to) - angle(from)).rem_euclid(std::f64::consts::TAU);
-    let sweep = if positive { turn } else { turn - std::f64::consts::TAU };
+    let sweep = if positive {
+        turn
+    } else {
+        turn - std::f64::consts::TAU
+    };
     Ok(Some(Stroke::Arc {
         centre,
         start: from,
@@ -192,7 +204,10 @@ mod tests {
             } => {
                 let (dx, dy) = (start[0] - centre[0], start[1] - centre[1]);
                 let (sin, cos) = sweep.sin_cos();
-                [centre[0] + cos * dx - sin * dy, centre[1] + sin * dx + cos * dy]
+                [
+                    centre[0] + cos * dx - sin * dy,
+                    centre[1] + sin * dx + cos * dy,
+                ]
             }
         }
     }
@@ -209,7 +224,14 @@ mod tests {
     fn arcs_end_where_the_path_says_whatever_the_flags() {
         for flags in ["0 0", "0 1", "1 0", "1 1"] {
             let drawn = strokes(&format!("M 3 1 A 2 2 0 {flags} 1 2")).expect("an arc");
-            let [Stroke::Arc { centre, start, sweep }] = drawn[..] else {
+            let [
+                Stroke::Arc {
+                    centre,
+                    start,
+                    sweep,
+                },
+            ] = drawn[..]
+            else {
                 panic!("{drawn:?}")
             };
             let [x, y] = end(&drawn[0]);
@@ -223,11 +245,17 @@ mod tests {
 
     #[test]
     fn curves_and_ellipses_are_refused_by_name() {
-        let error = strokes("M0 0 C 1 1 2 2 3 3").expect_err("a curve").to_string();
+        let error = strokes("M0 0 C 1 1 2 2 3 3")
+            .expect_err("a curve")
+            .to_string();
         assert!(error.contains("'C'"), "{error}");
-        let error = strokes("M0 0 A 1 2 0 0 0 3 3").expect_err("an ellipse").to_string();
+        let error = strokes("M0 0 A 1 2 0 0 0 3 3")
+            .expect_err("an ellipse")
+            .to_string();
         assert!(error.contains("elliptic"), "{error}");
-        assert!(strokes("M 0 x").is_err() && strokes("1 2").is_err() && strokes("M0 0 Z 4").is_err());
+        assert!(
+            strokes("M 0 x").is_err() && strokes("1 2").is_err() && strokes("M0 0 Z 4").is_err()
+        );
     }
 
     #[test]

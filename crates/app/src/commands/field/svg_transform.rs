@@ -100,6 +100,9 @@ fn matrix(name: &str, values: &[f64]) -> Result<[f64; 6]> {
             [a, b, c, d, x - a * x - c * y, y - b * x - d * y]
         }
         ("matrix", &[a, b, c, d, e, f]) => [a, b, c, d, e, f],
-        _ => bail!("transform {name:?} with {} numbers is not supported", values.len()),
+        _ => bail!(
+            "transform {name:?} with {} numbers is not supported",
+            values.len()
+        ),
     })
 }

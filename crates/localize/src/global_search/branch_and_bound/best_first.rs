@@ -178,7 +178,12 @@ impl BranchAndBound {
     }
 
     /// The pose of a cell of a block; cells are counted row by row.
-    pub(super) fn cell_pose(&self, block: &PoseBlock, headings: &HeadingRange, cell: usize) -> Pose {
+    pub(super) fn cell_pose(
+        &self,
+        block: &PoseBlock,
+        headings: &HeadingRange,
+        cell: usize,
+    ) -> Pose {
         let column = usize::from(block.column) * BLOCK + cell % BLOCK;
         let row = usize::from(block.row) * BLOCK + cell / BLOCK;
         Pose::new(

@@ -88,7 +88,10 @@ impl BranchAndBound {
                 if bounds.iter().copied().fold(0, u16::max) <= floor {
                     continue;
                 }
-                let promising = bounds.iter().enumerate().filter(|(_, bound)| **bound > floor);
+                let promising = bounds
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, bound)| **bound > floor);
                 blocks.extend(
                     promising.map(|(column, &bound)| PoseBlock::new(bound, heading, row, column)),
                 );
@@ -216,7 +219,11 @@ mod tests {
         let unlisted = exhaustive(&search, &headings, &found.hypotheses);
         assert!(unlisted <= certificate.unlisted_share_max + 1e-6);
         assert!(certificate.unlisted_share_max <= certificate.others_share_max);
-        (others, certificate.others_share_max, certificate.is_attained)
+        (
+            others,
+            certificate.others_share_max,
+            certificate.is_attained,
+        )
     }
 
     #[test]
@@ -224,9 +231,15 @@ mod tests {
         let field = league_18x12("outer_edges");
         for (seed, blocks) in [(1, 0), (2, 50), (3, 1000), (4, 1_000_000)] {
             let (others, bound, is_attained) = check(&field, blocks, seed);
-            assert!(others <= bound + 1e-6, "{others} beats {bound} with {blocks} blocks");
+            assert!(
+                others <= bound + 1e-6,
+                "{others} beats {bound} with {blocks} blocks"
+            );
             if is_attained {
-                assert!((others - bound).abs() < 1e-6, "{bound} is not attained: {others}");
+                assert!(
+                    (others - bound).abs() < 1e-6,
+                    "{bound} is not attained: {others}"
+                );
             }
         }
     }

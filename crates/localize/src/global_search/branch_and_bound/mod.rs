@@ -115,7 +115,6 @@ impl BranchAndBound {
         self.half_turn_symmetric
     }
 
-
     /// Memory held by the tables, bytes.
     pub fn memory_bytes(&self) -> usize {
         self.tables.memory_bytes()
