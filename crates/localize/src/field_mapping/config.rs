@@ -9,6 +9,10 @@ pub struct FieldMappingConfig {
     pub keyframe_distance: f32,
     /// See `keyframe_distance`.
     pub keyframe_turn: f32,
+    /// Standard deviation of the robot's tilt from image to image, per axis, degrees: it displaces far points most.
+    pub tilt_std_deg: f32,
+    /// Height of the viewpoint (the mirror) above the ground.
+    pub viewpoint_height: f32,
     /// Side of the cells in which points become pieces of line.
     pub cell: f32,
     /// Largest distance of a point from its line in the first sweep over the drive, and in the last.
@@ -45,6 +49,8 @@ impl Default for FieldMappingConfig {
             range_max: 5.0,
             keyframe_distance: 0.25,
             keyframe_turn: 0.26,
+            tilt_std_deg: 0.45,
+            viewpoint_height: crate::robot::DEFAULT_VIEWPOINT_HEIGHT,
             cell: 0.4,
             reach_first: 0.4,
             reach_last: 0.12,

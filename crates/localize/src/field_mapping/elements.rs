@@ -13,7 +13,7 @@ pub(super) const BLOCKS: usize = 8;
 /// Cells on each side that give a cell its direction.
 const DIRECTION_CELLS: i32 = 2;
 /// Least count around a cell, share of the typical one: fewer are outliers.
-const TYPICAL_SHARE_MIN: f32 = 0.12;
+const TYPICAL_SHARE_MIN: f32 = 0.08;
 
 /// The mean of the points of a small cell.
 #[derive(Debug, Clone)]
@@ -21,7 +21,7 @@ pub(super) struct Element {
     pub(super) at: [f32; 2],
     /// Unit vector across the marking.
     pub(super) normal: [f32; 2],
-    /// Points.
+    /// Sum of the points' weights.
     pub(super) weight: f32,
     /// Points and their sums by part of the drive.
     pub(super) blocks: [[f32; 3]; BLOCKS],
@@ -38,12 +38,12 @@ pub(super) fn average(keyframes: &[Keyframe], config: &FieldMappingConfig) -> Ve
     let mut cells: BTreeMap<(i32, i32), Cell> = BTreeMap::new();
     for (index, keyframe) in keyframes.iter().enumerate() {
         let block = index * BLOCKS / keyframes.len();
-        for at in map_points(keyframe) {
+        for (at, weight) in map_points(keyframe) {
             let key = [at.x, at.y].map(|value| (value / config.element).floor() as i32);
             let cell = cells.entry((key[0], key[1])).or_default();
-            cell.sums.add(at.x, at.y, 1.0);
+            cell.sums.add(at.x, at.y, weight);
             for (sum, value) in cell.blocks[block].iter_mut().zip([1.0, at.x, at.y]) {
-                *sum += value;
+                *sum += weight * value;
             }
         }
     }

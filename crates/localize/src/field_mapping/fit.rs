@@ -144,7 +144,7 @@ pub(super) fn std_across(elements: &[&Element], across: impl Fn([f32; 2]) -> f32
     }
     let means: Vec<f32> = sums
         .iter()
-        .filter(|[count, _]| *count >= 20.0)
+        .filter(|[count, _]| *count >= 8.0)
         .map(|[count, sum]| sum / count)
         .collect();
     let count = means.len() as f32;

@@ -20,6 +20,8 @@ pub(super) struct KeyframePoint {
     pub(super) at: At<RobotFrame>,
     /// Variance, m².
     pub(super) variance: f32,
+    /// Weight in means, at most 1.
+    pub(super) weight: f32,
 }
 
 /// A part of the drive.
@@ -35,6 +37,8 @@ pub(super) struct Keyframe {
 
 /// Images with points that a map needs.
 const IMAGES_MIN: usize = 5;
+/// Variance from which a point weighs half, m².
+const FULL_VARIANCE: f32 = 0.0036;
 /// Largest number of points of a keyframe.
 const POINTS_MAX: usize = 400;
 
@@ -72,9 +76,13 @@ pub(super) fn select(
             continue;
         };
         let usable = image.points.iter().filter(|point| is_usable(point, config));
-        keyframe.points.extend(usable.map(|point| KeyframePoint {
-            at: since * point.at,
-            variance: variance(point),
+        keyframe.points.extend(usable.map(|point| {
+            let variance = variance(point, config);
+            KeyframePoint {
+                at: since * point.at,
+                variance,
+                weight: FULL_VARIANCE / (FULL_VARIANCE + variance),
+            }
         }));
     }
     for keyframe in &mut keyframes {
@@ -93,8 +101,10 @@ pub(super) fn select(
     Ok(keyframes)
 }
 
-/// Mean variance over all directions.
-fn variance(point: &LinePoint) -> f32 {
+/// Mean variance over all directions, with the displacement by the robot's tilt (docs/methods.md 3.4).
+fn variance(point: &LinePoint, config: &FieldMappingConfig) -> f32 {
     let sum = point.std_radial * point.std_radial + point.std_tangential * point.std_tangential;
-    (0.5 * sum).max(1e-4)
+    let (range, height) = (point.at.distance(), config.viewpoint_height.max(0.05));
+    let displaced = config.tilt_std_deg.to_radians() * (height * height + range * range) / height;
+    (0.5 * sum + displaced * displaced).max(1e-4)
 }

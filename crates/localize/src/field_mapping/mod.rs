@@ -7,6 +7,7 @@
 mod config;
 mod elements;
 mod fit;
+mod junctions;
 mod keyframes;
 mod layout;
 mod point_map;

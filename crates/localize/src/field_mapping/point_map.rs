@@ -32,8 +32,8 @@ pub(super) struct PointMap {
     cells: HashMap<(i32, i32), CellSums>,
 }
 
-/// Points that make a piece of line.
-const COUNT_MIN: f32 = 6.0;
+/// Weight of the points that make a piece of line.
+const COUNT_MIN: f32 = 3.0;
 /// Least ratio of the variances along and across.
 const ELONGATION_MIN: f32 = 3.0;
 
@@ -87,18 +87,18 @@ impl PointMap {
         }
     }
 
-    /// Adds points.
-    pub(super) fn add(&mut self, points: impl Iterator<Item = At<FieldFrame>>) {
-        self.add_weighted(points, 1.0);
+    /// Adds points with weights.
+    pub(super) fn add(&mut self, points: impl Iterator<Item = (At<FieldFrame>, f32)>) {
+        self.add_weighted(points);
     }
 
     /// Removes points that were added before.
-    pub(super) fn remove(&mut self, points: impl Iterator<Item = At<FieldFrame>>) {
-        self.add_weighted(points, -1.0);
+    pub(super) fn remove(&mut self, points: impl Iterator<Item = (At<FieldFrame>, f32)>) {
+        self.add_weighted(points.map(|(at, weight)| (at, -weight)));
     }
 
-    fn add_weighted(&mut self, points: impl Iterator<Item = At<FieldFrame>>, weight: f32) {
-        for point in points {
+    fn add_weighted(&mut self, points: impl Iterator<Item = (At<FieldFrame>, f32)>) {
+        for (point, weight) in points {
             let key = self.key(point);
             let (x, y) = self.within(point, key);
             self.cells.entry(key).or_default().add(x, y, weight);

@@ -80,15 +80,16 @@ pub(super) fn relax(
     revisits
 }
 
-/// Points of a keyframe on the map.
-pub(super) fn map_points(keyframe: &Keyframe) -> impl Iterator<Item = At<FieldFrame>> {
+/// Points of a keyframe on the map, with their weights.
+pub(super) fn map_points(keyframe: &Keyframe) -> impl Iterator<Item = (At<FieldFrame>, f32)> {
     let (sin, cos) = math::sin_cos(keyframe.pose.theta);
     let pose = keyframe.pose;
     keyframe.points.iter().map(move |point| {
-        At::new(
+        let at = At::new(
             pose.x + cos * point.at.x - sin * point.at.y,
             pose.y + sin * point.at.x + cos * point.at.y,
-        )
+        );
+        (at, point.weight)
     })
 }
 
@@ -139,7 +140,7 @@ fn point_equations(
 ) -> (PointEquations, usize) {
     let mut sums = PointEquations::default();
     let mut seen = 0;
-    for (point, at) in keyframe.points.iter().zip(map_points(keyframe)) {
+    for (point, (at, _)) in keyframe.points.iter().zip(map_points(keyframe)) {
         let Some((piece, is_own)) = map.nearest(at, reach, window) else {
             continue;
         };

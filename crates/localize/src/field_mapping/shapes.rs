@@ -6,6 +6,7 @@ use rand::{RngExt, SeedableRng};
 use super::FieldMappingConfig;
 use super::elements::Element;
 use super::fit::{Circle, StraightLine, std_across};
+use super::junctions;
 use crate::math;
 
 /// A line or an arc on the map, with standard deviations in metres.
@@ -30,6 +31,8 @@ pub(super) enum Shape {
     },
 }
 
+/// Most runs of elements that are too short for a line.
+const REFUSED_MAX: usize = 40;
 /// Most shapes of a field.
 const SHAPES_MAX: usize = 80;
 /// Seeds of lines and pairs for circles that are tried for each shape.
@@ -49,26 +52,48 @@ pub(super) fn find(elements: &[Element], config: &FieldMappingConfig) -> Vec<Sha
     let mut free: Vec<&Element> = elements.iter().collect();
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
     let mut shapes = Vec::new();
+    let mut refused = 0;
     while shapes.len() < SHAPES_MAX && free.len() > 2 {
         let line = best_line(&free, config, &mut rng);
         let arc = best_arc(&free, config, &mut rng);
         let line_size = line.as_ref().map_or(0, |(_, members)| members.len());
         let arc_size = arc.as_ref().map_or(0, |(_, members)| members.len());
         let is_arc = arc_size as f32 > ARC_ADVANTAGE * line_size as f32;
+        let largest = match (&line, &arc) {
+            (_, Some((_, members))) if is_arc => middle(members),
+            (Some((_, members)), _) => middle(members),
+            _ => None,
+        };
         let found = match (line, arc) {
             (_, Some((circle, members))) if is_arc => arc_shape(circle, &members, config),
             (Some((line, members)), _) => line_shape(line, &members),
             _ => None,
         };
         let Some(shape) = found.filter(|shape| shape.length() >= config.length_min) else {
-            break;
+            // The largest run is a blob. What it covers is no line.
+            let Some(blob) = largest.filter(|_| refused < REFUSED_MAX) else {
+                break;
+            };
+            refused += 1;
+            free.retain(|element| {
+                math::hypot(element.at[0] - blob[0], element.at[1] - blob[1])
+                    > config.length_min / 2.0
+            });
+            continue;
         };
         let taken = TAKEN * config.shape_tolerance;
         free.retain(|element| shape.distance(element.at) > taken);
         shapes.push(shape);
     }
-    join_ends(&mut shapes);
+    junctions::join_ends(&mut shapes);
     shapes
+}
+
+/// The mean of some elements.
+fn middle(members: &[&Element]) -> Option<[f32; 2]> {
+    let count = members.len() as f32;
+    let sum = |k: usize| members.iter().map(|element| element.at[k]).sum::<f32>();
+    (!members.is_empty()).then(|| [sum(0) / count, sum(1) / count])
 }
 
 impl Shape {
@@ -323,76 +348,4 @@ fn arc_shape(circle: Circle, members: &[&Element], config: &FieldMappingConfig) 
         sweep,
         std: std::array::from_fn(|k| (mean_std * inverse[(k, k)].max(0.0).sqrt()) as f32),
     })
-}
-
-/// Distance over which a line's end is moved to the line that it meets, metres.
-const JOIN_DISTANCE: f32 = 0.25;
-
-/// Moves the ends of lines to the lines that they meet: a painted line ends at another's centre.
-fn join_ends(shapes: &mut [Shape]) {
-    let lines: Vec<Option<([f32; 2], [f32; 2], f32)>> = shapes
-        .iter()
-        .map(|shape| match *shape {
-            Shape::Line {
-                from,
-                to,
-                std_across,
-                ..
-            } => Some((from, to, std_across)),
-            Shape::Arc { .. } => None,
-        })
-        .collect();
-    for (index, shape) in shapes.iter_mut().enumerate() {
-        let Shape::Line {
-            from,
-            to,
-            std_along,
-            ..
-        } = shape
-        else {
-            continue;
-        };
-        let others = || {
-            let others = lines
-                .iter()
-                .enumerate()
-                .filter(|(other, _)| *other != index);
-            others.filter_map(|(_, line)| *line)
-        };
-        let ends = [(*from, *to), (*to, *from)].map(|(end, opposite)| {
-            others()
-                .filter_map(|(a, b, std)| Some((meeting_point(end, opposite, a, b)?, std)))
-                .min_by(|(a, _), (b, _)| {
-                    let off = |p: &[f32; 2]| math::hypot(p[0] - end[0], p[1] - end[1]);
-                    off(a).total_cmp(&off(b))
-                })
-        });
-        if let Some((at, _)) = ends[0] {
-            *from = at;
-        }
-        if let Some((at, _)) = ends[1] {
-            *to = at;
-        }
-        if let [Some((_, a)), Some((_, b))] = ends {
-            *std_along = a.max(b);
-        }
-    }
-}
-
-/// Where a line's end meets another line, if it is near.
-fn meeting_point(end: [f32; 2], opposite: [f32; 2], a: [f32; 2], b: [f32; 2]) -> Option<[f32; 2]> {
-    let (ux, uy) = (end[0] - opposite[0], end[1] - opposite[1]);
-    let (vx, vy) = (b[0] - a[0], b[1] - a[1]);
-    let (u, v) = (math::hypot(ux, uy), math::hypot(vx, vy));
-    let cross = ux * vy - uy * vx;
-    if cross.abs() < 0.5 * u * v {
-        return None;
-    }
-    let (dx, dy) = (a[0] - opposite[0], a[1] - opposite[1]);
-    let along = (dx * vy - dy * vx) / cross;
-    let at = [opposite[0] + along * ux, opposite[1] + along * uy];
-    let on_other = ((at[0] - a[0]) * vx + (at[1] - a[1]) * vy) / v;
-    let near = math::hypot(at[0] - end[0], at[1] - end[1]) <= JOIN_DISTANCE
-        && (-JOIN_DISTANCE..=v + JOIN_DISTANCE).contains(&on_other);
-    near.then_some(at)
 }

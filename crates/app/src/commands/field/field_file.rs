@@ -66,7 +66,11 @@ pub(super) fn drawn_field(
 pub(super) fn write(path: &Path, field: &FieldConfig, origin: &str) -> Result<()> {
     let rows = |values: &[Vec<f32>]| {
         let row = |row: &Vec<f32>| {
-            let numbers: Vec<String> = row.iter().map(|value| format!("{value:.4}")).collect();
+            // Adding zero makes −0 a 0.
+            let numbers: Vec<String> = row
+                .iter()
+                .map(|value| format!("{:.4}", (value * 1e4).round() / 1e4 + 0.0))
+                .collect();
             format!("  [{}],\n", numbers.join(", "))
         };
         values.iter().map(row).collect::<String>()

@@ -42,8 +42,13 @@ pub(super) struct Args {
     /// Largest range of line points used, metres.
     #[arg(long, value_name = "METRES", default_value_t = 5.0)]
     range: f32,
+    /// Standard deviation of the robot's tilt from image to image, degrees: with less, far line points count more.
+    #[arg(long, value_name = "DEGREES", default_value_t = TILT_STD_DEG)]
+    tilt: f32,
 }
 
+/// Tilt of real robots from image to image, degrees.
+const TILT_STD_DEG: f32 = 0.45;
 /// Keyframes that must see places again, for the map to be held together.
 const REVISITS_MIN: usize = 3;
 /// Share of the points that the lines and arcs should explain.
@@ -64,6 +69,7 @@ pub(super) fn run(args: &Args, json: bool) -> Result<()> {
         line_width: args.line_width.unwrap_or(line_width),
         border: args.border,
         range_max: args.range,
+        tilt_std_deg: args.tilt.max(0.0),
         ..FieldMappingConfig::default()
     };
     let mapped = map_field(&images, &config).with_context(|| args.drive.display().to_string())?;
