@@ -113,9 +113,6 @@ pub struct ModeConfig {
     pub global_check_period: f64,
     /// Smallest probability of a hypothesis that is accepted. A larger value waits longer in ambiguous places.
     pub decision_probability: f32,
-    /// Smallest difference between the share of the points that the best hypothesis explains and the bound of the exact
-    /// search on all poses beside the hypotheses, once before one of them is accepted. 0 accepts without such a proof.
-    pub certified_margin_share: f32,
     /// Standard deviation of the position beyond which a pose without line points is lost, metres.
     pub lost_position_std: f32,
     /// Standard deviation of the heading beyond which a pose without line points is lost, degrees.
@@ -143,7 +140,6 @@ impl Default for ModeConfig {
             alternative_margin_points: 6.0,
             global_check_period: 1.0,
             decision_probability: 0.95,
-            certified_margin_share: 0.0,
             lost_position_std: 0.7,
             lost_heading_std_deg: 20.0,
             out_of_order_max: 5,

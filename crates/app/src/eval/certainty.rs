@@ -70,8 +70,6 @@ pub(crate) struct CertaintyVariant {
     pub occluded_share: Option<f32>,
     /// Share of outliers.
     pub outlier_share: Option<f32>,
-    /// Proof demanded before a hypothesis is accepted (`localize.mode.certified_margin_share`).
-    pub certified_margin: Option<f32>,
 }
 
 /// Checks the certificates of one image per seed.
@@ -195,9 +193,6 @@ pub(crate) fn run_certainty_drives(
         };
         let mut config = LocalizeConfig::default();
         config.advice.view_range = variant.expected_range.unwrap_or(variant.range_max);
-        config.mode.certified_margin_share = variant
-            .certified_margin
-            .unwrap_or(config.mode.certified_margin_share);
         let base = Localizer::new(&field, config);
         for &behaviour in &runs.behaviours {
             let results: Vec<(u64, CertaintyRun)> = seeds

@@ -124,13 +124,15 @@ impl Advisor {
     /// The quickest motion that tells `best` from `rival` by markings that they have not had in view, given the points of
     /// the present image (robot frame).
     ///
-    /// None if no motion within reach does, or if the image has no points.
+    /// None if no motion within reach does, or if the image has no points. `direction`: of the displacement advised last,
+    /// radians in the robot frame. Others must be quicker by half, so that the robot does not turn back at each image.
     pub fn advise(
         &self,
         distances: &DistanceField,
         points: &[LinePoint],
         hypotheses: [Considered; 2],
         weights: &PointWeights,
+        direction: Option<f32>,
     ) -> Option<MotionAdvice> {
         let [best, rival] = hypotheses.map(|hypothesis| hypothesis.pose);
         let view = View::from_image(points, &self.samples, [best, rival], &self.config)?;
@@ -156,11 +158,17 @@ impl Advisor {
             };
             weights.likelihood_exponent * 0.5 * sides.iter().map(expected).sum::<f32>()
         };
-        let mut found: Option<(&Motion, f32)> = None;
-        for motion in &self.motions {
-            if found.is_some_and(|(quicker, gain)| {
-                gain >= weights.deciding_log_odds && motion.seconds > quicker.seconds
-            }) {
+        let mut motions: Vec<(f32, &Motion)> = self
+            .motions
+            .iter()
+            .map(|motion| (motion.seconds * motion.reluctance(direction), motion))
+            .collect();
+        motions.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut found: Option<(f32, &Motion, f32)> = None;
+        for (effort, motion) in motions {
+            if found
+                .is_some_and(|(least, _, gain)| gain >= weights.deciding_log_odds && effort > least)
+            {
                 break;
             }
             if ![best, rival]
@@ -170,11 +178,11 @@ impl Advisor {
                 continue;
             }
             let gain = log_odds_after(motion);
-            if gain >= self.config.log_odds_min && found.is_none_or(|(_, most)| gain > most) {
-                found = Some((motion, gain));
+            if gain >= self.config.log_odds_min && found.is_none_or(|(.., most)| gain > most) {
+                found = Some((effort, motion, gain));
             }
         }
-        found.map(|(motion, gain)| MotionAdvice {
+        found.map(|(_, motion, gain)| MotionAdvice {
             motion: [motion.transform.x, motion.transform.y, motion.turn()],
             expected_log_odds: gain,
         })

@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use super::AdviceConfig;
-use crate::frames::{RobotFrame, Tf};
+use crate::frames::{RobotFrame, Tf, wrap_angle};
 use crate::math;
 
 /// A motion of the robot: from its frame before to its frame after.
@@ -21,10 +21,25 @@ const DISTANCES: [f32; 8] = [0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0];
 /// Rotations to either side, degrees.
 const TURNS_DEG: [f32; 4] = [30.0, 60.0, 90.0, 180.0];
 
+/// Largest angle between displacements that go on, radians.
+const SAME_DIRECTION: f32 = PI / 4.0;
+/// See `Motion::reluctance`.
+const RELUCTANCE: f32 = 2.0;
+
 impl Motion {
     /// Rotation, radians.
     pub(super) fn turn(&self) -> f32 {
         self.transform.theta
+    }
+
+    /// Factor of the time of a motion that does not go on in the direction advised before.
+    pub(super) fn reluctance(&self, direction: Option<f32>) -> f32 {
+        let origin = self.transform.origin();
+        let goes_on = direction.is_none_or(|direction| {
+            origin.distance() > 0.0
+                && wrap_angle(origin.bearing() - direction).abs() < SAME_DIRECTION
+        });
+        if goes_on { 1.0 } else { RELUCTANCE }
     }
 }
 

@@ -73,7 +73,7 @@ impl Scene {
             checked: checked[k],
         });
         self.advisor
-            .advise(&self.distances, points, hypotheses, &WEIGHTS)
+            .advise(&self.distances, points, hypotheses, &WEIGHTS, None)
     }
 }
 
@@ -170,6 +170,35 @@ fn the_advice_keeps_the_robot_on_the_carpet_under_both_hypotheses() {
 }
 
 #[test]
+fn a_motion_that_goes_on_is_preferred_to_one_that_turns_back() {
+    let mut config = line_with_one_crossing().config;
+    // Crossings 2.9 m ahead of the first hypothesis and 2.8 m behind it; the second has none.
+    config.extra_lines[1] = [3.0, -1.0, 3.0, 1.0];
+    config.extra_lines.push([-2.7, -1.0, -2.7, 1.0]);
+    config.extra_lines[0] = [-16.0, 0.0, 8.0, 0.0];
+    config.length = 32.0;
+    let scene = Scene::new(Field::new(config).expect("a field"), 2.5);
+    let poses = [Pose::new(0.1, 0.3, 0.0), Pose::new(-9.0, 0.3, 0.0)];
+    let points = scene.points(poses[0]);
+    let nothing = CheckedMarkings::default();
+    let hypotheses = poses.map(|pose| Considered {
+        pose,
+        checked: &nothing,
+    });
+    for direction in [0.0, std::f32::consts::PI] {
+        let advice = scene.advisor.advise(
+            &scene.distances,
+            &points,
+            hypotheses,
+            &WEIGHTS,
+            Some(direction),
+        );
+        let [x, ..] = advice.expect("a motion").motion;
+        assert!(x * direction.cos() > 0.0, "{direction}: {x}");
+    }
+}
+
+#[test]
 fn advice_reads_as_a_sentence() {
     let text = |motion| {
         Advice::Move(MotionAdvice {
@@ -180,5 +209,5 @@ fn advice_reads_as_a_sentence() {
     };
     assert_eq!(text([1.0, 0.0, 0.0]), "drive 1.00 m along x");
     assert_eq!(text([0.0, -0.5, 0.0]), "drive 0.50 m along −y");
-    assert_eq!(text([0.0, 0.0, 0.523_6]), "turn by 30°");
+    assert_eq!(text([0.0, 0.0, std::f32::consts::FRAC_PI_6]), "turn by 30°");
 }

@@ -447,7 +447,6 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
     ),
     bound("mode.global_check_period", 0.0, 3600.0, SECONDS),
     bound("mode.decision_probability", 0.0, 1.0, PROBABILITY),
-    bound("mode.certified_margin_share", 0.0, 1.0, SHARE),
     bound(
         "mode.lost_position_std",
         0.001,

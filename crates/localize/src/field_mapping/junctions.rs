@@ -3,12 +3,15 @@
 use super::shapes::Shape;
 use crate::math;
 
+/// Both ends of a line, and its standard deviation across it, metres.
+type Ends = ([f32; 2], [f32; 2], f32);
+
 /// Distance over which a line's end is moved to the line that it meets, metres.
 const JOIN_DISTANCE: f32 = 0.25;
 
 /// Moves the ends of lines to the lines that they meet: a painted line ends at another's centre.
 pub(super) fn join_ends(shapes: &mut [Shape]) {
-    let lines: Vec<Option<([f32; 2], [f32; 2], f32)>> = shapes
+    let lines: Vec<Option<Ends>> = shapes
         .iter()
         .map(|shape| match *shape {
             Shape::Line {

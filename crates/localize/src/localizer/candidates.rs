@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 
-use crate::advice::{Advisor, CheckedMarkings, Considered};
+use crate::advice::{Advisor, CheckedMarkings, Considered, MotionAdvice};
 use crate::field::goal_colours::ColouredGoals;
 use crate::filter::{FilterConfig, OdometryPrior, PoseFilter, TiltPrior};
 use crate::frames::{Pose, wrap_angle};
@@ -36,14 +36,14 @@ struct Candidate {
     images: u32,
     /// Markings in view so far.
     checked: CheckedMarkings,
+    /// Direction of the displacement advised last, radians on the field under this hypothesis.
+    advised_direction: Option<f32>,
 }
 
 /// Weighted hypotheses, most probable first.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Candidates {
     candidates: Vec<Candidate>,
-    /// An image's search proved that no pose beside the candidates explains about as many points.
-    is_complete: bool,
 }
 
 /// Measurements of one image.
@@ -77,14 +77,23 @@ impl Candidates {
         Some((&best.filter, &best.hypothesis))
     }
 
-    /// Notes what an image's search proved about all other poses.
-    pub(super) fn note_proof(&mut self, proves_complete: bool) {
-        self.is_complete |= proves_complete;
+    /// Notes the motion advised at this image, so that the next advice goes on with it.
+    pub(super) fn note_advice(&mut self, advice: Option<MotionAdvice>) {
+        let [x, y, _] = advice.map_or([0.0; 3], |advice| advice.motion);
+        let direction = (x != 0.0 || y != 0.0).then(|| math::atan2(y, x));
+        for candidate in &mut self.candidates {
+            let heading = candidate.filter.pose().theta;
+            candidate.advised_direction = direction.map(|angle| heading + angle);
+        }
     }
 
-    /// Did a search prove that the true pose is among the candidates?
-    pub(super) fn is_complete(&self) -> bool {
-        self.is_complete
+    /// Direction of the displacement advised last, radians in the present robot frame.
+    pub(super) fn advised_direction(&self) -> Option<f32> {
+        self.candidates.iter().find_map(|candidate| {
+            Some(wrap_angle(
+                candidate.advised_direction? - candidate.filter.pose().theta,
+            ))
+        })
     }
 
     /// Adds the markings that an image has in view to those that each hypothesis has had in view.
@@ -190,6 +199,7 @@ impl Candidates {
                 hypothesis: hypothesis.clone(),
                 images: 1,
                 checked: CheckedMarkings::default(),
+                advised_direction: None,
                 log_weight: initial_log_weight
                     - measurements.likelihood_exponent * cost
                     - measurements.negative_log_likelihood(pose),
@@ -233,6 +243,7 @@ impl Candidate {
         {
             self.filter = self.filter.half_turned();
             self.checked = CheckedMarkings::default();
+            self.advised_direction = None;
         }
         let start_error = self.filter.position_std() + 3.0 * self.filter.heading_std();
         let tilt_prior = TiltPrior::Independent(matcher.tilt_std());

@@ -3,7 +3,7 @@
 use super::Localizer;
 use super::candidates::{Candidates, ImageMeasurements};
 use super::field_half::HalfEvidence;
-use crate::advice::{Advice, PointWeights};
+use crate::advice::{Advice, MotionAdvice, PointWeights};
 use crate::estimate::{Estimate, Reason};
 use crate::global_search::SearchInput;
 use crate::global_search::branch_and_bound::{CertifiedHypotheses, HeadingPrior, Hypothesis};
@@ -77,18 +77,13 @@ impl Localizer {
             &self.config.filter,
             &self.odometry_prior,
         );
-        let margin = self.config.mode.certified_margin_share;
-        candidates.note_proof(certificate.is_none_or(|certificate| {
-            certificate.unlisted_share_max < certificate.answer_share - margin
-        }));
-        let is_complete = margin <= 0.0 || candidates.is_complete();
         let estimate = self.candidate_estimate(stamp, &candidates, fold_half_turn);
         let Some((mut estimate, (filter, best))) = estimate.zip(candidates.best()) else {
             self.lose_pose();
             return self.lost_estimate(stamp, Reason::NoMatch, found);
         };
         estimate.certificate = certificate;
-        if self.is_decided(best) && is_complete && self.is_confirmed(&candidates) {
+        if self.is_decided(best) && self.is_confirmed(&candidates) {
             let log_odds = if fold_half_turn {
                 0.0
             } else {
@@ -101,7 +96,8 @@ impl Localizer {
             if self.config.advice.enabled && !self.is_decided(best) {
                 candidates.mark_checked(&self.advisor, points);
                 let advice = self.advise(points, &candidates);
-                estimate.advice = advice.or(estimate.advice);
+                candidates.note_advice(advice);
+                estimate.advice = advice.map(Advice::Move).or(estimate.advice);
             }
             self.keep_candidates(candidates);
         }
@@ -109,7 +105,7 @@ impl Localizer {
     }
 
     /// The motion that would tell the best candidate from the second.
-    fn advise(&self, points: &[LinePoint], candidates: &Candidates) -> Option<Advice> {
+    fn advise(&self, points: &[LinePoint], candidates: &Candidates) -> Option<MotionAdvice> {
         let matching = self.matcher.config();
         let probability = self.config.mode.decision_probability;
         let weights = PointWeights {
@@ -118,13 +114,11 @@ impl Localizer {
             likelihood_exponent: self.config.branch_and_bound.likelihood_exponent,
             deciding_log_odds: math::ln(probability / (1.0 - probability).max(1e-6)),
         };
-        candidates
-            .best_two()
-            .and_then(|two| {
-                self.advisor
-                    .advise(&self.distance_field, points, two, &weights)
-            })
-            .map(Advice::Move)
+        let direction = candidates.advised_direction();
+        candidates.best_two().and_then(|two| {
+            self.advisor
+                .advise(&self.distance_field, points, two, &weights, direction)
+        })
     }
 
     /// Does the best hypothesis explain enough points?

@@ -112,7 +112,7 @@ pub(super) fn measure_localization(figures: &mut Figures) -> Result<()> {
             pose,
             checked: &checked,
         });
-        black_box(advisor.advise(&distances, &frame.points, considered, &weights));
+        black_box(advisor.advise(&distances, &frame.points, considered, &weights, None));
     });
     measure_flight(figures);
     Ok(())
