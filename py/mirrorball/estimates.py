@@ -14,7 +14,7 @@ from mirrorball.records import Record, equal
 from mirrorball.tables import Table, structured_array
 from mirrorball.vision import Detections, detections_from_columns
 
-__all__ = ["Cycle", "Estimate", "Fit", "Pose", "RunnerUp", "TrackedObject"]
+__all__ = ["Advice", "Certificate", "Cycle", "Estimate", "Fit", "Pose", "RunnerUp", "TrackedObject"]
 
 
 def __dir__() -> list[str]:
