@@ -166,7 +166,9 @@ def test_every_experiment_kind_gives_rows_and_html(result: dict[str, Any]) -> No
     alone, team = (figures["team", "usual", name, "error of the ball, cm"]["value"] for name in ("best robot", "team"))
     assert 1.0 < team < alone < 40.0 and ("squad", "squad", "team", "error of the ball, cm") in figures
     page = Path(result["page"]).read_text()
-    bound, loose = (figures["certificates", name, "exact", "no other pose explains more than, %"]["value"] for name in ("5 m", "none"))
+    bound, loose = (
+        figures["certificates", name, "exact", "no other pose explains more than, %"]["value"] for name in ("5 m", "none")
+    )
     assert 20.0 < bound < loose <= 100.0
     assert figures["mapping", "hall", "mapped", "error of the markings, root mean square, cm"]["value"] < 5.0
     # Places that are ambiguous at first, and therefore drawn, depend on the seeds.
@@ -204,7 +206,13 @@ def test_shipped_experiments_name_existing_files_and_metrics(result: dict[str, A
         for part in tomllib.loads(path.read_text())["parts"]:
             (run,) = part["run"].values()
             variants = run.get("variants", [])
-            for named in (run.get("scenario"), run.get("field"), run.get("robot"), *(one.get("scenario") for one in variants), *(one.get("field") for one in variants)):
+            for named in (
+                run.get("scenario"),
+                run.get("field"),
+                run.get("robot"),
+                *(one.get("scenario") for one in variants),
+                *(one.get("field") for one in variants),
+            ):
                 assert named is None or (folder / named).is_file(), (path, named)
             for recording in run.get("recordings", []):
                 assert (folder / recording["folder"] / "truth.csv").is_file(), (path, recording)
