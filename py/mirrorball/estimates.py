@@ -14,7 +14,7 @@ from mirrorball.records import Record, equal
 from mirrorball.tables import Table, structured_array
 from mirrorball.vision import Detections, detections_from_columns
 
-__all__ = ["Cycle", "Estimate", "Fit", "Pose", "RunnerUp", "TrackedObject"]
+__all__ = ["Advice", "Certificate", "Cycle", "Estimate", "Fit", "Pose", "RunnerUp", "TrackedObject"]
 
 
 def __dir__() -> list[str]:
@@ -51,6 +51,31 @@ class Fit(NamedTuple):
     """Mean cosine of the compass's deviation; None before enough readings."""
 
 
+@dataclass(frozen=True)
+class Certificate:
+    """Bounds of the exact search on what other poses of the field explain (docs/methods.md 6.9)."""
+
+    points: int
+    """Points compared."""
+    answer_share: float
+    """Share of them that the pose explains."""
+    others_share_max: float
+    """No other pose explains more."""
+    unlisted_share_max: float
+    """No pose explains more that is not among the hypotheses."""
+    is_attained: bool
+    """A pose explains exactly ``others_share_max``."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What would tell an ambiguous pose from the runner-up (docs/methods.md 6.10)."""
+
+    text: str
+    motion: tuple[float, float, float] | None
+    """Displacement forward and left (m), turn (rad), in the robot frame; None if no motion tells."""
+
+
 @dataclass(frozen=True, eq=False)
 class Estimate(Record):
     """The robot's pose after one image. Two estimates are equal if all of their numbers are."""
@@ -79,6 +104,10 @@ class Estimate(Record):
     """Wheel samples are skipped because of a collision or of slip."""
     runners_up: tuple[RunnerUp, ...]
     fit: Fit
+    certificate: Certificate | None = None
+    """What all other poses explain at most; None unless the whole field was searched exactly."""
+    advice: Advice | None = None
+    """What would make an ambiguous pose certain."""
 
     @classmethod
     def from_core(cls, cycle: _core.Cycle) -> Estimate:
@@ -87,6 +116,10 @@ class Estimate(Record):
         if fields["pose"] is not None:
             fields["pose"] = Pose(*fields["pose"])
         fields["fit"] = Fit(*fields["fit"])
+        if fields["certificate"] is not None:
+            fields["certificate"] = Certificate(*fields["certificate"])
+        if fields["advice"] is not None:
+            fields["advice"] = Advice(*fields["advice"])
         fields["runners_up"] = tuple(RunnerUp(Pose(*pose), probability) for pose, probability in fields["runners_up"])
         return cls(**fields)
 

@@ -290,6 +290,27 @@ def plot_team_ball_errors(columns: Columns) -> list[Figure]:
     )
 
 
+def plot_certainty_times(columns: Columns) -> list[Figure]:
+    """Time until a robot at an ambiguous place tracks the right pose: one dot per place, a bar for their mean."""
+    known = np.isfinite(columns["seconds"])
+    title = "time until the right pose is tracked for good / s (where it was)"
+    return [_plot_grouped_bars(columns, known, columns["seconds"], title, log=False)] if known.any() else []
+
+
+def plot_certificates(columns: Columns) -> list[Figure]:
+    """Share of the points that no other pose exceeds: one dot per image, a bar for their mean."""
+    known = np.isfinite(columns["others_share_max"])
+    title = "no other pose explains more than / %"
+    return [_plot_grouped_bars(columns, known, 100.0 * columns["others_share_max"], title, log=False)] if known.any() else []
+
+
+def plot_field_errors(columns: Columns) -> list[Figure]:
+    """Errors of fields mapped from drives: one dot per drive, a bar for their mean."""
+    known = np.isfinite(columns["marking_error_m"])
+    title = "error of the mapped markings / cm"
+    return [_plot_grouped_bars(columns, known, 100.0 * columns["marking_error_m"], title, log=False)] if known.any() else []
+
+
 def _plot_grouped_bars(columns: Columns, known: NDArray[Any], values: NDArray[Any], title: str, *, log: bool) -> Figure:
     figure, ((ax,),) = _subplots(1, 1, height=3.4)
     variants, methods = unique_in_order(columns["variant"][known]), unique_in_order(columns["method"][known])
@@ -322,5 +343,8 @@ PLOTS: dict[str, Callable[[Columns], list[Figure]]] = {
     "eyes": plot_detection_rates,
     "fusion": plot_fusion_errors,
     "team": plot_team_ball_errors,
+    "certainty": plot_certainty_times,
+    "certificates": plot_certificates,
+    "mapping": plot_field_errors,
 }
 """How each kind of part is drawn."""

@@ -1,5 +1,6 @@
 //! The result of one image in Python: numbers and columns, made when they are asked for.
 
+use localize::advice::Advice;
 use localize::estimate::Estimate;
 use localize::frames::Pose;
 use localize::world::TrackedObject;
@@ -102,6 +103,24 @@ fn estimate_fields<'py>(py: Python<'py>, estimate: &Estimate) -> PyResult<Bound<
     fields.set_item("twist", twist)?;
     fields.set_item("collision", estimate.collision)?;
     fields.set_item("runners_up", runners_up)?;
+    let certificate = estimate.certificate.map(|certificate| {
+        (
+            certificate.points,
+            certificate.answer_share,
+            certificate.others_share_max,
+            certificate.unlisted_share_max,
+            certificate.is_attained,
+        )
+    });
+    fields.set_item("certificate", certificate)?;
+    let advice = estimate.advice.map(|advice| {
+        let motion = match advice {
+            Advice::Move(advice) => Some((advice.motion[0], advice.motion[1], advice.motion[2])),
+            Advice::ObserveHalf => None,
+        };
+        (advice.text(), motion)
+    });
+    fields.set_item("advice", advice)?;
     fields.set_item(
         "fit",
         (

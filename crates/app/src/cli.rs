@@ -5,7 +5,9 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::commands::arguments::UsageError;
-use crate::commands::{bench, calibrate, demo, doctor, locate, record, recover, replay, sim};
+use crate::commands::{
+    bench, calibrate, demo, doctor, field, locate, record, recover, replay, sim,
+};
 #[cfg(feature = "python")]
 use crate::commands::{import, mirror, report, script};
 use crate::eval;
@@ -33,6 +35,7 @@ struct Cli {
 enum Command {
     Demo(demo::Args),
     Doctor(doctor::Args),
+    Field(field::Args),
     Locate(locate::Args),
     Sim(sim::Args),
     Replay(replay::Args),
@@ -81,6 +84,7 @@ pub fn run() -> ExitCode {
     let result = match cli.command {
         Command::Demo(args) => demo::run(&args, cli.json),
         Command::Doctor(args) => doctor::run(&args, cli.json),
+        Command::Field(args) => field::run(&args, cli.json),
         Command::Locate(args) => locate::run(&args, cli.json),
         Command::Sim(args) => sim::run(&args, cli.json),
         Command::Replay(args) => replay::run(&args, cli.json),

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::advice::AdviceConfig;
 use crate::filter::FilterConfig;
 use crate::global_search::GlobalSearchConfig;
 use crate::global_search::branch_and_bound::BranchAndBoundConfig;
@@ -33,6 +34,8 @@ pub struct LocalizeConfig {
     pub global_search: GlobalSearchConfig,
     /// Exact global search: default for relocalization, and always the check of the tracked pose.
     pub branch_and_bound: BranchAndBoundConfig,
+    /// Motions that tell ambiguous hypotheses apart.
+    pub advice: AdviceConfig,
     /// Pose filter: odometry and sensor fusion.
     pub filter: FilterConfig,
     /// Inertial unit: tilt, gyro bias, standstill.

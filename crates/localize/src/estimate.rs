@@ -2,8 +2,9 @@
 
 use nalgebra::Matrix3;
 
+use crate::advice::Advice;
 use crate::frames::Pose;
-use crate::global_search::branch_and_bound::Hypothesis;
+use crate::global_search::branch_and_bound::{Certificate, Hypothesis};
 use crate::map_correction::MapCorrectionEstimate;
 use crate::omni::{Twist, UNCORRECTED_MOTION};
 use crate::stamp::Stamp;
@@ -103,6 +104,11 @@ pub struct Estimate {
     pub map_correction: Option<MapCorrectionEstimate>,
     /// Alternative poses that explain the points, with their probabilities. Excludes `pose`.
     pub runners_up: Vec<Hypothesis>,
+    /// What all other poses of the field explain at most. None unless this image was searched exactly on the whole field
+    /// without a tracked pose.
+    pub certificate: Option<Certificate>,
+    /// What would tell the pose from its alternatives. None unless the reason is `Ambiguous`.
+    pub advice: Option<Advice>,
 }
 
 impl Estimate {
@@ -141,6 +147,8 @@ impl Estimate {
             fit: Default::default(),
             map_correction: None,
             runners_up: Vec::new(),
+            certificate: None,
+            advice: None,
         }
     }
 

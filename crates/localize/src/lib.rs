@@ -41,6 +41,8 @@ pub mod matching;
 
 pub mod global_search;
 
+pub mod advice;
+pub mod field_mapping;
 pub mod filter;
 
 pub mod map_correction;

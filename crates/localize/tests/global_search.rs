@@ -51,7 +51,9 @@ fn count_located(method: GlobalSearchMethod, field: &Field, compass: bool, count
             goals: &[],
             single_image: true,
         };
-        let hypotheses = global_search.find_hypotheses(&mut search, &mut matcher, &input);
+        let hypotheses = global_search
+            .find_hypotheses(&mut search, &mut matcher, &input)
+            .hypotheses;
         right += usize::from(hypotheses.first().is_some_and(|best| {
             near(best.pose, truth) || !compass && near(half_turn(best.pose), truth)
         }));

@@ -7,8 +7,11 @@ use std::thread::JoinHandle;
 
 use anyhow::{Context, Result};
 use localize::Field;
+use localize::advice::{Advice, MotionAdvice};
+use localize::omni::Twist;
 use localize::robot::CameraControl;
 use localize::robot::RobotConfig;
+use sim::scenario::PathConfig;
 use sim::{Scenario, SimSample, Simulator};
 use vision::exposure::ExposureCommand;
 use vision::image::Image;
@@ -21,6 +24,9 @@ use crate::setup::Setup;
 
 /// Images by which the simulator may be ahead of the pipeline: one being processed, one in the channel.
 const PREFETCHED_IMAGES: usize = 2;
+
+/// Images after which the simulated robot follows an advice.
+const ADVICE_DELAY_IMAGES: u64 = 2;
 
 /// Capacity for camera commands: more than a camera's delay plus `PREFETCHED_IMAGES`.
 const MAX_PENDING_COMMANDS: usize = 64;
@@ -118,8 +124,9 @@ impl Simulation {
 
     /// Runs until the end, or until `on_cycle` breaks.
     ///
-    /// Samples go to the pipeline, cycles to `on_cycle`, and camera commands back to the simulated camera. The simulator
-    /// runs ahead in its own thread as far as the camera's delay allows. This does not change the samples.
+    /// Samples go to the pipeline, cycles to `on_cycle`, camera commands back to the simulated camera, and advised motions
+    /// to a robot whose path follows them. The simulator runs ahead in its own thread as far as their delays allow. This
+    /// does not change the samples.
     pub fn run(
         self,
         pipeline: &mut Pipeline,
@@ -130,7 +137,10 @@ impl Simulation {
             let Some(cycle) = pipeline.process_sample(sample) else {
                 continue;
             };
-            samples.send_camera_command(cycle.camera_command());
+            samples.send_feedback(Feedback {
+                camera: cycle.camera_command(),
+                advice: cycle.estimate.advice,
+            });
             if on_cycle(cycle)?.is_break() {
                 break;
             }
@@ -161,11 +171,14 @@ impl Simulation {
     /// With `commanded`, waits for the camera command of each cycle as far as the camera's delay requires.
     fn spawn_prefetch(mut self, commanded: bool) -> Result<PrefetchedSimulation> {
         let (sender, samples) = sync_channel(PREFETCHED_IMAGES);
-        let (command_sender, commands) =
-            sync_channel::<Option<ExposureCommand>>(MAX_PENDING_COMMANDS);
+        let (command_sender, commands) = sync_channel::<Feedback>(MAX_PENDING_COMMANDS);
         // A camera without exposure control accepts no commands, so the simulator never waits.
         let camera = self.sim.robot().exposure.filter(|_| commanded);
-        let delay = camera.map(|camera| camera.delay_frames.max(1));
+        let camera_delay = camera.map(|camera| camera.delay_frames.max(1));
+        let path = self.sim.scenario().path.clone();
+        let follows = path.follow_advice && commanded;
+        let advice_delay = follows.then_some(ADVICE_DELAY_IMAGES);
+        let delay = camera_delay.into_iter().chain(advice_delay).min();
         let run = move || {
             let (mut batch, mut images, mut answered) = (Vec::new(), 0u64, 0u64);
             while let Some(sample) = self.next() {
@@ -181,11 +194,18 @@ impl Simulation {
                 }
                 // The next image has the number `images`. Commands given at least `delay` images earlier apply to it.
                 while delay.is_some_and(|delay| answered + delay <= images) {
-                    let Ok(command) = commands.recv() else { return };
+                    let Ok(feedback) = commands.recv() else {
+                        return;
+                    };
                     answered += 1;
-                    command
+                    feedback
+                        .camera
                         .into_iter()
                         .for_each(|command| self.command_camera(command));
+                    if follows {
+                        let twist = advised_twist(feedback.advice, &path);
+                        self.sim.set_command(twist);
+                    }
                 }
             }
             drop(sender.send(batch));
@@ -196,7 +216,7 @@ impl Simulation {
             .context("cannot start the simulator's thread")?;
         Ok(PrefetchedSimulation {
             samples,
-            camera_commands: command_sender,
+            feedback: command_sender,
             batch: Vec::new().into_iter(),
             thread: Some(thread),
         })
@@ -290,20 +310,54 @@ pub(crate) fn sample_from_sim(sample: SimSample) -> Sample {
     }
 }
 
+/// What the simulated robot learns from the cycle of one image.
+#[derive(Debug, Clone, Copy)]
+struct Feedback {
+    /// The new camera setting, if it changes.
+    camera: Option<ExposureCommand>,
+    advice: Option<Advice>,
+}
+
+/// The velocity by which a robot follows an advice at its path's speed. None: it stays on its path.
+fn advised_twist(advice: Option<Advice>, path: &PathConfig) -> Option<Twist> {
+    let Some(Advice::Move(MotionAdvice {
+        motion: [x, y, turn],
+        ..
+    })) = advice
+    else {
+        return None;
+    };
+    let distance = localize::math::hypot(x, y);
+    let speed = path.speed / distance.max(1e-3);
+    Some(if distance > 1e-3 {
+        Twist {
+            x: x * speed,
+            y: y * speed,
+            theta: 0.0,
+        }
+    } else {
+        Twist {
+            x: 0.0,
+            y: 0.0,
+            theta: path.turn_rate_deg.to_radians().copysign(turn),
+        }
+    })
+}
+
 /// A scenario that runs in its own thread, a few images ahead.
 pub struct PrefetchedSimulation {
     samples: Receiver<Vec<Sample>>,
-    /// One message per image: the new camera setting, if it changes.
-    camera_commands: SyncSender<Option<ExposureCommand>>,
+    /// One message per image.
+    feedback: SyncSender<Feedback>,
     batch: std::vec::IntoIter<Sample>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl PrefetchedSimulation {
-    /// Sends the camera command of a cycle. Must be called once per image, in order.
-    fn send_camera_command(&self, command: Option<ExposureCommand>) {
-        // A simulator that has ended ignores commands.
-        let _ = self.camera_commands.try_send(command);
+    /// Sends the feedback of a cycle. Must be called once per image, in order.
+    fn send_feedback(&self, feedback: Feedback) {
+        // A simulator that has ended ignores it.
+        let _ = self.feedback.try_send(feedback);
     }
 }
 
@@ -324,5 +378,44 @@ impl Iterator for PrefetchedSimulation {
             std::panic::resume_unwind(panic);
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn twist(motion: [f32; 3]) -> Option<Twist> {
+        let path = PathConfig {
+            speed: 1.5,
+            turn_rate_deg: 90.0,
+            ..PathConfig::default()
+        };
+        let advice = Advice::Move(MotionAdvice {
+            motion,
+            expected_log_odds: 3.0,
+        });
+        advised_twist(Some(advice), &path)
+    }
+
+    #[test]
+    fn an_advised_displacement_is_driven_at_the_speed_of_the_path() {
+        let found = twist([0.3, -0.4, 0.0]).expect("a velocity");
+        assert!((found.x - 0.9).abs() < 1e-5 && (found.y + 1.2).abs() < 1e-5);
+        assert_eq!(found.theta, 0.0);
+    }
+
+    #[test]
+    fn an_advised_turn_has_its_sign_and_the_rate_of_the_path() {
+        let found = twist([0.0, 0.0, -0.5]).expect("a velocity");
+        assert_eq!([found.x, found.y], [0.0, 0.0]);
+        assert!((found.theta + std::f32::consts::FRAC_PI_2).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_half_turn_leaves_the_robot_on_its_path() {
+        let path = PathConfig::default();
+        assert_eq!(advised_twist(Some(Advice::ObserveHalf), &path), None);
+        assert_eq!(advised_twist(None, &path), None);
     }
 }

@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use std::path::{Path, PathBuf};
 
+use localize::advice::{Advice, MotionAdvice};
 use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::flight::{BallMotionMode, Landing};
 use localize::frames::At;
-use localize::global_search::branch_and_bound::Hypothesis;
+use localize::global_search::branch_and_bound::{Certificate, Hypothesis};
 use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
 use localize::robot::ExposureSetting;
@@ -368,6 +369,21 @@ impl RandomValues {
                 tilt: self.values(),
                 probability: self.value(),
             }],
+            certificate: lost.then(|| Certificate {
+                points: 40,
+                answer_share: self.value(),
+                others_share_max: self.value(),
+                unlisted_share_max: self.value(),
+                is_attained: number.is_multiple_of(2),
+            }),
+            advice: match number % 3 {
+                0 => None,
+                1 => Some(Advice::ObserveHalf),
+                _ => Some(Advice::Move(MotionAdvice {
+                    motion: self.values(),
+                    expected_log_odds: self.value(),
+                })),
+            },
         }
     }
 }

@@ -137,6 +137,8 @@ pub struct PathConfig {
     pub turn_rate_deg: f32,
     /// Velocities in the robot frame, each valid until the next; used without waypoints.
     pub commands: Vec<TimedTwist>,
+    /// True leaves the path while the estimate is ambiguous and follows the motion that would tell its hypotheses apart.
+    pub follow_advice: bool,
 }
 
 impl Default for PathConfig {
@@ -147,6 +149,7 @@ impl Default for PathConfig {
             speed: 1.5,
             turn_rate_deg: 60.0,
             commands: Vec::new(),
+            follow_advice: false,
         }
     }
 }

@@ -22,6 +22,17 @@ from mirrorball.estimates import RunnerUp
 others: tuple[RunnerUp, ...] = estimate.runners_up
 print([(other.pose, other.probability) for other in others])
 
+# %% Certificate, Advice
+from mirrorball.estimates import Advice, Certificate
+
+# None while a single pose is tracked.
+certificate: Certificate | None = estimate.certificate
+advice: Advice | None = estimate.advice
+if certificate is not None:
+    print(certificate.answer_share, certificate.others_share_max)
+if advice is not None:
+    print(advice.text, advice.motion)
+
 # %% TrackedObject
 from mirrorball.estimates import TrackedObject
 

@@ -17,13 +17,14 @@ DIMENSIONLESS = re.compile(
         (
             r"stamp_s|.*_count|.*(^|_)(index|id|images|knocks|frames|level|line|line_points|refused|point_stride|pixels)",
             r".*(^|_)(score|probability|share|entropy|exposure|gain|slip|nees|evidence|brightness|inlier_share)",
+            r".*_(certificate_points|others_share_max|unlisted_share_max|expected_log_odds)",
             r".*_(markings|markings_seen|wheels|compass|from_frame|runners_up|seen|tracked)|runners_up",
             # Quaternions.
             r".*(orientation|rotation)_[xyzw]",
             # True or false.
-            r".*(^|_)(on_ground|learned|kick|lens_centred|half_known|collision|searching|light_jumped)",
+            r".*(^|_)(on_ground|is_attained|learned|kick|lens_centred|half_known|collision|searching|light_jumped)",
             # Texts.
-            r".*(^|_)(image|mode|reason|fault|warning|team|settings|warm_start|frame_id|format|message|name|file|level|distortion_model)",
+            r".*(^|_)(image|mode|reason|text|fault|warning|team|settings|warm_start|frame_id|format|message|name|file|level|distortion_model)",
         )
     )
 )

@@ -5,6 +5,7 @@ pub(crate) mod bench;
 pub(crate) mod calibrate;
 pub(crate) mod demo;
 pub(crate) mod doctor;
+pub(crate) mod field;
 #[cfg(feature = "python")]
 pub(crate) mod import;
 pub(crate) mod locate;

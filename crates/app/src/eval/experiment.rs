@@ -9,6 +9,8 @@ use serde::Deserialize;
 use sim::fusion_experiment::{Disturbance, Estimator};
 
 use super::air::{AirRuns, AirVariant};
+use super::certainty::{CertaintyRuns, CertificateRuns};
+use super::mapping::MappingRuns;
 use super::metric::PaperReference;
 
 /// An experiment file. Paths are relative to it.
@@ -75,6 +77,12 @@ pub(crate) enum PartRun {
     MultiRobot(MultiRobotRuns),
     /// A ball in the air, for one robot and for several, without images.
     Air(AirRuns),
+    /// Bounds of the exact search on what other poses explain, without images.
+    Certificates(CertificateRuns),
+    /// Time until a robot at an ambiguous place knows its pose, by how it moves, without images.
+    Certainty(CertaintyRuns),
+    /// Fields mapped from drives, without images.
+    Mapping(MappingRuns),
 }
 
 /// Images for the detection rates.
@@ -320,6 +328,13 @@ impl Part {
             PartRun::MultiRobot(robots) => {
                 check_presets(&robots.presets)?;
                 resolve_scenarios(&mut robots.variants, None)?;
+            }
+            PartRun::Certificates(runs) => runs.field = folder.join(&runs.field),
+            PartRun::Certainty(runs) => runs.field = folder.join(&runs.field),
+            PartRun::Mapping(runs) => {
+                for variant in &mut runs.variants {
+                    variant.field = folder.join(&variant.field);
+                }
             }
             PartRun::Fusion(fusion) => fusion.robot = folder.join(&fusion.robot),
             PartRun::Team(team) => {

@@ -68,7 +68,9 @@ pub(crate) fn run(
                 goals: &[],
             };
             let started = Instant::now();
-            let hypotheses = global_search.find_hypotheses(&mut search, &mut matcher, &input);
+            let hypotheses = global_search
+                .find_hypotheses(&mut search, &mut matcher, &input)
+                .hypotheses;
             times.push(started.elapsed().as_secs_f64() * 1e3);
             bar.inc(1);
             let [x, y, theta] = [truth.x, truth.y, truth.theta];

@@ -69,7 +69,8 @@ impl FieldDrawing {
         for marking in &field.markings {
             picture.marking(marking, field.config.line_width);
         }
-        for (side, colour) in [1.0, -1.0].into_iter().zip(field.config.goal.colours) {
+        let sides = [1.0, -1.0].into_iter().filter(|_| field.has_goals());
+        for (side, colour) in sides.zip(field.config.goal.colours) {
             picture.goal(field, side, colour);
         }
         Some(picture)

@@ -6,7 +6,7 @@ use localize::world::TrackedObject;
 use localize::{Mode, Stamp};
 use nalgebra::Matrix3;
 use pipeline::Cycle;
-use pipeline::log::{mode_and_reason, reason_text};
+use pipeline::log::{mode_and_advice, reason_text};
 
 use super::frames::Frames;
 use super::markers;
@@ -328,7 +328,7 @@ fn localization_status(cycle: &Cycle) -> DiagnosticStatus {
     DiagnosticStatus {
         level: Byte(level),
         name: "mirrorball: localization".to_owned(),
-        message: mode_and_reason(estimate),
+        message: mode_and_advice(estimate),
         hardware_id: String::new(),
         values,
     }

@@ -276,6 +276,12 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
         1.0e6,
         "more take too long for one image",
     ),
+    bound(
+        "branch_and_bound.certificate_blocks",
+        0.0,
+        1.0e6,
+        "more take too long for one image",
+    ),
     bound("branch_and_bound.separation_min", 0.0, 20.0, RANGE),
     bound(
         "branch_and_bound.separation_min_deg",
@@ -289,6 +295,18 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
         1.0,
         "1 takes all points as independent",
     ),
+    // Advice.
+    bound("advice.view_range", 0.5, 40.0, RANGE),
+    bound("advice.distance_max", 0.0, 40.0, RANGE),
+    bound("advice.edge_distance", 0.0, 20.0, RANGE),
+    bound("advice.speed", 0.01, 20.0, "a robot's speed is divided by"),
+    bound(
+        "advice.turn_rate_deg",
+        1.0,
+        3600.0,
+        "a robot's yaw rate is divided by",
+    ),
+    bound("advice.log_odds_min", 0.0, 100.0, LOG_ODDS),
     // Filter.
     bound("filter.odometry_noise_per_metre", 0.0, 10.0, NOISE),
     bound("filter.heading_noise_per_metre_deg", 0.0, 180.0, NOISE),

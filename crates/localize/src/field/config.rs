@@ -39,17 +39,31 @@ pub struct FieldConfig {
     /// The large area in front of each goal.
     #[serde(default)]
     pub penalty_area: Area,
-    /// The goals, one at each end.
+    /// The goals, one at each end. Left out: no goals.
+    #[serde(default)]
     pub goal: GoalConfig,
     /// True for walls around the carpet (league fields until 2001).
     #[serde(default)]
     pub walls: bool,
+    /// True for lines around the field: both touch lines and both goal lines.
+    #[serde(default = "default_true")]
+    pub boundary: bool,
     /// True for a line through the centre, across the field.
     #[serde(default = "default_true")]
     pub halfway_line: bool,
     /// Additional lines: end points [x0, y0, x1, y1] of their centre lines.
     #[serde(default)]
     pub extra_lines: Vec<[f32; 4]>,
+    /// Additional circles and arcs: centre, radius of the centre line, and the angles in degrees at which they start and
+    /// over which they run counter-clockwise, [x, y, radius, start, sweep].
+    #[serde(default)]
+    pub extra_arcs: Vec<[f32; 5]>,
+    /// Standard deviations of the numbers of `extra_lines`, in their order, if the field was measured.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub extra_lines_std: Vec<[f32; 4]>,
+    /// Standard deviations of centre and radius of `extra_arcs`, in their order, if the field was measured.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub extra_arcs_std: Vec<[f32; 3]>,
 }
 
 fn default_true() -> bool {
@@ -91,6 +105,19 @@ pub struct GoalConfig {
     pub post: f32,
     /// Colours of the goals at +x and at −x: white, blue or yellow.
     pub colours: [GoalColour; 2],
+}
+
+impl Default for GoalConfig {
+    /// No goal.
+    fn default() -> Self {
+        GoalConfig {
+            width: 0.0,
+            height: 0.0,
+            depth: 0.0,
+            post: 0.0,
+            colours: [GoalColour::White; 2],
+        }
+    }
 }
 
 /// Appearance of a goal: a white frame with a net, or a coloured box.
@@ -178,6 +205,51 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
             value,
             "lies farther off than the field is long",
         );
+    }
+    check_arcs(config, limit)?;
+    for (key, stds, markings) in [
+        (
+            "extra_lines_std",
+            config.extra_lines_std.as_flattened(),
+            4 * config.extra_lines.len(),
+        ),
+        (
+            "extra_arcs_std",
+            config.extra_arcs_std.as_flattened(),
+            3 * config.extra_arcs.len(),
+        ),
+    ] {
+        if !stds.is_empty() && stds.len() != markings {
+            let reason =
+                "is the count of standard deviations, but not that of the markings' numbers";
+            return invalid_size(key, stds.len() as f32, reason);
+        }
+        if let Some(&value) = stds.iter().find(|std| !(0.0..=10.0).contains(*std)) {
+            return invalid_size(key, value, "must be a standard deviation from 0 to 10 m");
+        }
+    }
+    Ok(())
+}
+
+/// Additional arcs: within the field's surroundings, with a radius and a length.
+fn check_arcs(config: &FieldConfig, limit: f32) -> Result<(), FieldError> {
+    let key = "extra_arcs";
+    for &[x, y, radius, start, sweep] in &config.extra_arcs {
+        if let Some(far) = [x, y, radius]
+            .into_iter()
+            .find(|value| !(value.abs() <= limit))
+        {
+            return invalid_size(key, far, "lies farther off than the field is long");
+        }
+        if radius <= 0.0 {
+            return invalid_size(key, radius, "must be a positive radius");
+        }
+        if !(start.abs() <= 360.0) {
+            return invalid_size(key, start, "must be a start angle from -360 to 360 degrees");
+        }
+        if !(sweep > 0.0 && sweep <= 360.0) {
+            return invalid_size(key, sweep, "must be an angle above 0, at most 360 degrees");
+        }
     }
     Ok(())
 }

@@ -15,7 +15,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::field::Field;
 use crate::frames::Pose;
-use crate::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, Hypothesis};
+use crate::global_search::branch_and_bound::{
+    BranchAndBound, CertifiedHypotheses, HeadingPrior, Hypothesis,
+};
 use crate::global_search::heading_histogram::{HeadingHistogramConfig, histogram_heading};
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
@@ -186,13 +188,17 @@ impl GlobalSearch {
         }
     }
 
-    /// Poses that explain the measurements, most probable first.
+    /// Poses that explain the measurements, most probable first. Only the exact search bounds all others.
     pub fn find_hypotheses(
         &mut self,
         search: &mut BranchAndBound,
         matcher: &mut Matcher,
         input: &SearchInput,
-    ) -> Vec<Hypothesis> {
+    ) -> CertifiedHypotheses {
+        let uncertified = |hypotheses| CertifiedHypotheses {
+            hypotheses,
+            certificate: None,
+        };
         let SearchInput {
             distances,
             points,
@@ -202,7 +208,7 @@ impl GlobalSearch {
         } = *input;
         let starts: Vec<Pose> = match self {
             GlobalSearch::Exact => {
-                return search.find_hypotheses(distances, matcher, points, prior);
+                return search.find_certified(distances, matcher, points, prior);
             }
             GlobalSearch::Hough { hough, field } => {
                 let scored = hough.find_poses(points, prior);
@@ -224,10 +230,12 @@ impl GlobalSearch {
                 iterations_max,
             } => {
                 let iterations = if single_image { *iterations_max } else { 1 };
-                return search_monte_carlo(filter, iterations, search, matcher, input);
+                return uncertified(search_monte_carlo(
+                    filter, iterations, search, matcher, input,
+                ));
             }
         };
-        search.rank(distances, matcher, points, &starts, prior, START_ERROR)
+        uncertified(search.rank(distances, matcher, points, &starts, prior, START_ERROR))
     }
 }
 

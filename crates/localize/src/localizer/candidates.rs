@@ -2,6 +2,7 @@
 
 use nalgebra::Matrix3;
 
+use crate::advice::{Advisor, CheckedMarkings, Considered, MotionAdvice};
 use crate::field::goal_colours::ColouredGoals;
 use crate::filter::{FilterConfig, OdometryPrior, PoseFilter, TiltPrior};
 use crate::frames::{Pose, wrap_angle};
@@ -33,6 +34,10 @@ struct Candidate {
     log_weight: f32,
     /// Images that it was matched to.
     images: u32,
+    /// Markings in view so far.
+    checked: CheckedMarkings,
+    /// Direction of the displacement advised last, radians on the field under this hypothesis.
+    advised_direction: Option<f32>,
 }
 
 /// Weighted hypotheses, most probable first.
@@ -70,6 +75,43 @@ impl Candidates {
     pub(super) fn best(&self) -> Option<(&PoseFilter, &Hypothesis)> {
         let best = self.candidates.first()?;
         Some((&best.filter, &best.hypothesis))
+    }
+
+    /// Notes the motion advised at this image, so that the next advice goes on with it.
+    pub(super) fn note_advice(&mut self, advice: Option<MotionAdvice>) {
+        let [x, y, _] = advice.map_or([0.0; 3], |advice| advice.motion);
+        let direction = (x != 0.0 || y != 0.0).then(|| math::atan2(y, x));
+        for candidate in &mut self.candidates {
+            let heading = candidate.filter.pose().theta;
+            candidate.advised_direction = direction.map(|angle| heading + angle);
+        }
+    }
+
+    /// Direction of the displacement advised last, radians in the present robot frame.
+    pub(super) fn advised_direction(&self) -> Option<f32> {
+        self.candidates.iter().find_map(|candidate| {
+            Some(wrap_angle(
+                candidate.advised_direction? - candidate.filter.pose().theta,
+            ))
+        })
+    }
+
+    /// Adds the markings that an image has in view to those that each hypothesis has had in view.
+    pub(super) fn mark_checked(&mut self, advisor: &Advisor, points: &[LinePoint]) {
+        for candidate in &mut self.candidates {
+            advisor.mark_checked(&mut candidate.checked, candidate.filter.pose(), points);
+        }
+    }
+
+    /// The two most probable hypotheses.
+    pub(super) fn best_two(&self) -> Option<[Considered<'_>; 2]> {
+        match &self.candidates[..] {
+            [best, rival, ..] => Some([best, rival].map(|candidate| Considered {
+                pose: candidate.filter.pose(),
+                checked: &candidate.checked,
+            })),
+            _ => None,
+        }
     }
 
     /// Did enough images support the best hypothesis? A robot that leans far in one image shows its points beside the
@@ -156,6 +198,8 @@ impl Candidates {
                 filter: PoseFilter::new(pose, &hypothesis.covariance, None, config, odometry_prior),
                 hypothesis: hypothesis.clone(),
                 images: 1,
+                checked: CheckedMarkings::default(),
+                advised_direction: None,
                 log_weight: initial_log_weight
                     - measurements.likelihood_exponent * cost
                     - measurements.negative_log_likelihood(pose),
@@ -198,6 +242,8 @@ impl Candidate {
                 > measurements.negative_log_likelihood(half_turn(pose))
         {
             self.filter = self.filter.half_turned();
+            self.checked = CheckedMarkings::default();
+            self.advised_direction = None;
         }
         let start_error = self.filter.position_std() + 3.0 * self.filter.heading_std();
         let tilt_prior = TiltPrior::Independent(matcher.tilt_std());

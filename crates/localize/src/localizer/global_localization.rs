@@ -3,9 +3,11 @@
 use super::Localizer;
 use super::candidates::{Candidates, ImageMeasurements};
 use super::field_half::HalfEvidence;
+use crate::advice::{Advice, MotionAdvice, PointWeights};
 use crate::estimate::{Estimate, Reason};
 use crate::global_search::SearchInput;
-use crate::global_search::branch_and_bound::{HeadingPrior, Hypothesis};
+use crate::global_search::branch_and_bound::{CertifiedHypotheses, HeadingPrior, Hypothesis};
+use crate::math;
 use crate::sample::{GoalObservation, LinePoint};
 use crate::stamp::Stamp;
 
@@ -41,7 +43,10 @@ impl Localizer {
             goals: &goals,
             single_image: self.last_odometry.is_none(),
         };
-        let found = self
+        let CertifiedHypotheses {
+            hypotheses: found,
+            certificate,
+        } = self
             .global_search
             .find_hypotheses(&mut self.search, &mut self.matcher, &input);
         if found.is_empty() && self.global_search.is_in_progress() {
@@ -73,10 +78,11 @@ impl Localizer {
             &self.odometry_prior,
         );
         let estimate = self.candidate_estimate(stamp, &candidates, fold_half_turn);
-        let Some((estimate, (filter, best))) = estimate.zip(candidates.best()) else {
+        let Some((mut estimate, (filter, best))) = estimate.zip(candidates.best()) else {
             self.lose_pose();
             return self.lost_estimate(stamp, Reason::NoMatch, found);
         };
+        estimate.certificate = certificate;
         if self.is_decided(best) && self.is_confirmed(&candidates) {
             let log_odds = if fold_half_turn {
                 0.0
@@ -87,9 +93,32 @@ impl Localizer {
             self.mean_inlier_share = estimate.inlier_share;
             self.start_tracking(stamp, filter, HalfEvidence::with_log_odds(log_odds));
         } else {
+            if self.config.advice.enabled && !self.is_decided(best) {
+                candidates.mark_checked(&self.advisor, points);
+                let advice = self.advise(points, &candidates);
+                candidates.note_advice(advice);
+                estimate.advice = advice.map(Advice::Move).or(estimate.advice);
+            }
             self.keep_candidates(candidates);
         }
         estimate
+    }
+
+    /// The motion that would tell the best candidate from the second.
+    fn advise(&self, points: &[LinePoint], candidates: &Candidates) -> Option<MotionAdvice> {
+        let matching = self.matcher.config();
+        let probability = self.config.mode.decision_probability;
+        let weights = PointWeights {
+            kernel_scale_sigmas: matching.kernel_scale_sigmas,
+            map_std: matching.map_std,
+            likelihood_exponent: self.config.branch_and_bound.likelihood_exponent,
+            deciding_log_odds: math::ln(probability / (1.0 - probability).max(1e-6)),
+        };
+        let direction = candidates.advised_direction();
+        candidates.best_two().and_then(|two| {
+            self.advisor
+                .advise(&self.distance_field, points, two, &weights, direction)
+        })
     }
 
     /// Does the best hypothesis explain enough points?

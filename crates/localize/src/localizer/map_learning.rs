@@ -172,9 +172,11 @@ impl Localizer {
             estimate.map_correction = Some(map.estimate());
         }
         if located {
-            // Constant in the robot's frame, whatever it does: a parameter that no measurement tells.
+            // Constant in the robot's frame, whatever it does: a parameter that no measurement tells. So are the errors of a
+            // measured field, as long as the robot sees the same markings.
             for k in 0..2 {
-                estimate.covariance[(k, k)] += origin_std * origin_std;
+                estimate.covariance[(k, k)] +=
+                    origin_std * origin_std + self.marking_std * self.marking_std;
             }
         }
     }

@@ -25,6 +25,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::advice::Advisor;
 use crate::config::{LocalizeConfig, Tracker};
 use crate::estimate::{Estimate, Reason};
 use crate::field::Field;
@@ -89,6 +90,7 @@ pub struct Localizer {
     /// Only if the global search or the tracker uses it.
     scan_map: Option<Arc<ScanMap>>,
     matcher: Matcher,
+    advisor: Advisor,
     coloured_goals: ColouredGoals,
     /// Covariance of a uniform distribution over the field.
     uniform_covariance: Matrix3<f32>,
@@ -128,6 +130,8 @@ pub struct Localizer {
     map_correction: Option<Box<MapCorrection>>,
     /// Standard deviation of the map's origin from the robot's centre, per axis, metres.
     map_origin_std: f32,
+    /// Standard deviation of the field's markings, metres, if the field was measured.
+    marking_std: f32,
     odometry_prior: OdometryPrior,
     /// Consecutive images that fit nowhere on the field.
     lost_images: u32,
@@ -185,9 +189,11 @@ impl Localizer {
         let mut localizer = Localizer {
             map_correction: None,
             map_origin_std: 0.0,
+            marking_std: field.marking_std(),
             odometry_prior: OdometryPrior::of_any_base(&config.filter),
             lost_images: 0,
             matcher: Matcher::new(config.matching.clone()),
+            advisor: Advisor::new(field, config.advice.clone()),
             distance_field: distances,
             search,
             global_search,

@@ -6,6 +6,7 @@ use super::Localizer;
 use super::candidates::Candidates;
 use super::match_figures::MatchFigures;
 use super::state::PoseTrack;
+use crate::advice::Advice;
 use crate::estimate::{Estimate, Fit, Mode, Reason};
 use crate::filter::PoseFilter;
 use crate::frames::Pose;
@@ -24,6 +25,7 @@ struct EstimateParts<'a> {
     half_known: bool,
     figures: MatchFigures,
     runners_up: Vec<Hypothesis>,
+    advice: Option<Advice>,
 }
 
 impl EstimateParts<'_> {
@@ -51,6 +53,9 @@ impl EstimateParts<'_> {
             // `process_points` fills it in.
             map_correction: None,
             runners_up: self.runners_up,
+            // `localize_globally` fills it in.
+            certificate: None,
+            advice: self.advice,
         }
     }
 }
@@ -111,6 +116,7 @@ impl Localizer {
             half_known,
             figures,
             runners_up,
+            advice: (!half_known).then_some(Advice::ObserveHalf),
         }
         .into_estimate(stamp)
     }
@@ -139,6 +145,8 @@ impl Localizer {
             half_known,
             figures: best.into(),
             runners_up: candidates.runners_up(fold_half_turn),
+            // `localize_globally` fills in a motion.
+            advice: fold_half_turn.then_some(Advice::ObserveHalf),
         };
         Some(parts.into_estimate(stamp))
     }
@@ -171,6 +179,7 @@ impl Localizer {
                 ..MatchFigures::default()
             },
             runners_up,
+            advice: None,
         }
         .into_estimate(stamp)
     }

@@ -139,7 +139,9 @@ pub fn evaluate_global_search(
             goals: &[],
             single_image: true,
         };
-        let hypotheses = global_search.find_hypotheses(&mut search, &mut matcher, &input);
+        let hypotheses = global_search
+            .find_hypotheses(&mut search, &mut matcher, &input)
+            .hypotheses;
         let is_hit =
             |pose: Pose| is_correct(pose, truth) || !compass && is_correct(half_turn(pose), truth);
         // Without a compass each pose is followed by its half turn.

@@ -1,5 +1,6 @@
 //! Which messages do other programs receive? Those of `docs/network.proto`, in protobuf and JSON.
 
+use localize::advice::Advice;
 use localize::estimate::Estimate;
 use localize::flight::BallMotionMode;
 use localize::world::{AirborneState, TeamColour, TrackedObject};
@@ -178,6 +179,18 @@ pub struct Health {
     /// Time from features to pose, milliseconds.
     #[prost(float)]
     pub localize_ms: f32,
+    /// What would make an ambiguous pose certain, for people. Empty if nothing is needed.
+    #[prost(string)]
+    #[serde(default)]
+    pub advice: String,
+    /// The motion that would, robot frame: forward, left, metres; counter-clockwise, radians. Empty if there is none.
+    #[prost(float, repeated)]
+    #[serde(default)]
+    pub advised_motion: Vec<f32>,
+    /// Share of the line points that no other pose of the field exceeds. Absent unless the whole field was searched.
+    #[prost(float, optional)]
+    #[serde(default)]
+    pub others_share_max: Option<f32>,
 }
 
 /// A command to drive, to kick, or both.
@@ -354,6 +367,16 @@ impl State {
                 inlier_share: estimate.inlier_share,
                 see_ms: cycle.timings.see_ms,
                 localize_ms: cycle.timings.localize_ms,
+                advice: estimate
+                    .advice
+                    .map_or_else(String::new, |advice| advice.text()),
+                advised_motion: match estimate.advice {
+                    Some(Advice::Move(advice)) => advice.motion.to_vec(),
+                    _ => Vec::new(),
+                },
+                others_share_max: estimate
+                    .certificate
+                    .map(|certificate| certificate.others_share_max),
             }),
             team_ball: cycle.team.ball.as_ref().map(|ball| ObjectState {
                 x: ball.at.x,

@@ -33,7 +33,7 @@ pub use mcap_records::LogCompleteness;
 pub use read::{LogReader, LoggedCycle};
 pub use record::Recorder;
 pub use recover::recover;
-pub use schema::convert::{mode_and_reason, reason_text};
+pub use schema::convert::{mode_and_advice, mode_and_reason, reason_text};
 pub use start::start_log;
 pub use unpack::UnpackedSetup;
 pub use verify::{Difference, VerificationReport, verify};

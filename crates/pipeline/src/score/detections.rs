@@ -154,7 +154,10 @@ impl DetectionStatistics {
         self.add_ball(&upright, scene, note);
         self.add_robots(&upright, scene, note);
         let config = &scene.field.config;
-        let posts = [-1.0f32, 1.0].into_iter().flat_map(|end| {
+        let ends = [-1.0f32, 1.0]
+            .into_iter()
+            .filter(|_| scene.field.has_goals());
+        let posts = ends.flat_map(|end| {
             [-1.0f32, 1.0].map(|side| {
                 At::new(
                     end * (scene.field.length / 2.0),

@@ -4,6 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use anyhow::Result;
+use localize::advice::{AdviceConfig, Advisor, CheckedMarkings, Considered, PointWeights};
 use localize::flight::{BallRay, FlightConfig, FlightTracker, RobotRay, TeamFlightTracker};
 use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior};
 use localize::global_search::hough::Hough;
@@ -11,7 +12,7 @@ use localize::global_search::monte_carlo::MonteCarlo;
 use localize::global_search::scan_map::ScanMap;
 use localize::matching::Matcher;
 use localize::synthetic::drive::{SyntheticDrive, SyntheticDriveConfig, SyntheticSample};
-use localize::{DistanceField, Field, LocalizeConfig, Localizer, Pose, Stamp, math};
+use localize::{DistanceField, Field, LocalizeConfig, Localizer, Pose, Stamp, Tf, math};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -39,6 +40,8 @@ pub(super) const NAMES: &[&str] = &[
     "map_correction",
     "exact_no_prior",
     "exact_compass",
+    "exact_certified",
+    "advice",
     "ball_flight",
     "ball_rays_of_team",
 ];
@@ -89,6 +92,27 @@ pub(super) fn measure_localization(figures: &mut Figures) -> Result<()> {
             std: 10f32.to_radians(),
         };
         black_box(search.find_hypotheses(&distances, &mut matcher, &frame.points, Some(prior)));
+    });
+    figures.time_calls("exact_certified", "<= 3.3", REPEATS, || {
+        black_box(search.find_certified(&distances, &mut matcher, &next().points, None));
+    });
+    let advisor = Advisor::new(&field, AdviceConfig::default());
+    let weights = PointWeights {
+        kernel_scale_sigmas: 3.0,
+        map_std: 0.015,
+        likelihood_exponent: 0.3,
+        deciding_log_odds: 3.0,
+    };
+    let checked = CheckedMarkings::default();
+    figures.time_calls("advice", "<= 1", REPEATS, || {
+        let frame = next();
+        // A rival half a field away, turned by a quarter.
+        let poses = [frame.true_pose, frame.true_pose * Tf::new(4.0, 1.0, 1.57)];
+        let considered = poses.map(|pose| Considered {
+            pose,
+            checked: &checked,
+        });
+        black_box(advisor.advise(&distances, &frame.points, considered, &weights, None));
     });
     measure_flight(figures);
     Ok(())

@@ -247,7 +247,14 @@ pub(super) fn status_text(session: &Session) -> String {
         return "no cycle yet".to_owned();
     };
     let estimate = &now.cycle.estimate;
-    let mut text = pipeline::log::mode_and_reason(estimate);
+    let mut text = pipeline::log::mode_and_advice(estimate);
+    if let Some(certificate) = &estimate.certificate {
+        text += &format!(
+            "\nexplains {:.0} % of the points, no other pose more than {:.0} %",
+            100.0 * certificate.answer_share,
+            100.0 * certificate.others_share_max
+        );
+    }
     if let Some(pose) = estimate.pose {
         let std = |axis: usize| 100.0 * estimate.covariance[(axis, axis)].max(0.0).sqrt();
         text += &format!(

@@ -142,7 +142,8 @@ pub(crate) fn draw_field(pen: &Pen, screen: &FieldTransform, field: &Field, with
         }
     }
     let goal = &field.config.goal;
-    for (side, colour) in [1.0, -1.0].into_iter().zip(goal.colours) {
+    let sides = [1.0, -1.0].into_iter().filter(|_| field.has_goals());
+    for (side, colour) in sides.zip(goal.colours) {
         let colour = match colour {
             GoalColour::White => Color32::WHITE,
             GoalColour::Blue => palette::BLUE,

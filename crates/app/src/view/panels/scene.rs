@@ -147,7 +147,7 @@ impl Canvas<'_> {
         }
         let goal = &field.config.goal;
         let half = goal.width / 2.0;
-        for side in [1.0, -1.0] {
+        for side in [1.0, -1.0].into_iter().filter(|_| field.has_goals()) {
             let front = side * field.config.length / 2.0;
             let back = front + side * goal.depth;
             let stroke = Stroke::new(2.0, palette::GOAL);

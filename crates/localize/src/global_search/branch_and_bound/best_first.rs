@@ -7,21 +7,32 @@ use crate::frames::Pose;
 
 /// A block of poses at one heading, with the upper bound of its cells' scores.
 #[derive(Debug, Clone, Copy, Default)]
-struct PoseBlock {
-    bound: u16,
+pub(super) struct PoseBlock {
+    pub(super) bound: u16,
     heading: u16,
     row: u16,
     column: u16,
 }
 
 impl PoseBlock {
-    fn new(bound: u16, heading: usize, row: usize, column: usize) -> Self {
+    pub(super) fn new(bound: u16, heading: usize, row: usize, column: usize) -> Self {
         PoseBlock {
             bound,
             heading: heading as u16,
             row: row as u16,
             column: column as u16,
         }
+    }
+
+    /// Key of the order of the search: largest bounds first.
+    pub(super) fn order(&self) -> (std::cmp::Reverse<u16>, u16, u16, u16) {
+        let PoseBlock {
+            bound,
+            heading,
+            row,
+            column,
+        } = *self;
+        (std::cmp::Reverse(bound), heading, row, column)
     }
 }
 
@@ -89,14 +100,7 @@ impl BranchAndBound {
                 promising.map(|(column, &bound)| PoseBlock::new(bound, heading, row, column)),
             );
         }
-        blocks.sort_unstable_by_key(|block| {
-            (
-                std::cmp::Reverse(block.bound),
-                block.heading,
-                block.row,
-                block.column,
-            )
-        });
+        blocks.sort_unstable_by_key(PoseBlock::order);
         SortedBlocks {
             headings,
             blocks,
@@ -159,7 +163,45 @@ impl BranchAndBound {
 
     /// The best cell of a block.
     fn best_cell(&self, block: PoseBlock, headings: &HeadingRange) -> PoseCell {
-        let heading = headings.heading(usize::from(block.heading));
+        let sums = self.cell_scores(&block);
+        let sums = sums.as_flattened();
+        let mut best = 0;
+        for (k, &sum) in sums.iter().enumerate() {
+            if sum > sums[best] {
+                best = k;
+            }
+        }
+        PoseCell {
+            score: sums[best],
+            pose: self.cell_pose(&block, headings, best),
+        }
+    }
+
+    /// The pose of a cell of a block; cells are counted row by row.
+    pub(super) fn cell_pose(
+        &self,
+        block: &PoseBlock,
+        headings: &HeadingRange,
+        cell: usize,
+    ) -> Pose {
+        let column = usize::from(block.column) * BLOCK + cell % BLOCK;
+        let row = usize::from(block.row) * BLOCK + cell / BLOCK;
+        Pose::new(
+            self.tables.x0 + column as f32 * self.config.cell,
+            self.tables.y0 + row as f32 * self.config.cell,
+            headings.heading(usize::from(block.heading)),
+        )
+    }
+
+    /// The poses of a block's corner cells.
+    pub(super) fn corner_poses(&self, block: &PoseBlock, headings: &HeadingRange) -> [Pose; 4] {
+        let last = BLOCK - 1;
+        [0, last, last * BLOCK, last * BLOCK + last]
+            .map(|cell| self.cell_pose(block, headings, cell))
+    }
+
+    /// The scores of a block's cells, by row and column.
+    pub(super) fn cell_scores(&self, block: &PoseBlock) -> [[u16; BLOCK]; BLOCK] {
         let points = self.search.selected_points.len();
         let start = usize::from(block.heading) * points;
         let offsets = &self.search.offsets[start..start + points];
@@ -185,23 +227,7 @@ impl BranchAndBound {
                 }
             }
         }
-        let sums = sums.as_flattened();
-        let mut best = 0;
-        for (k, &sum) in sums.iter().enumerate() {
-            if sum > sums[best] {
-                best = k;
-            }
-        }
-        let column = usize::from(block.column) * BLOCK + best % BLOCK;
-        let row = usize::from(block.row) * BLOCK + best / BLOCK;
-        PoseCell {
-            score: sums[best],
-            pose: Pose::new(
-                tables.x0 + column as f32 * self.config.cell,
-                tables.y0 + row as f32 * self.config.cell,
-                heading,
-            ),
-        }
+        sums
     }
 }
 

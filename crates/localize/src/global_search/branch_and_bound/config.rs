@@ -25,6 +25,9 @@ pub struct BranchAndBoundConfig {
     pub runner_up_share: f32,
     /// Largest number of blocks searched for runners-up after the best cell is found.
     pub runner_up_blocks: usize,
+    /// Largest number of blocks opened for the certificate, which bounds the scores of all other poses. More blocks lower
+    /// the bound.
+    pub certificate_blocks: usize,
     /// Distance below which two hypotheses of similar heading are duplicates, metres.
     pub separation_min: f32,
     /// Difference in heading below which two close hypotheses are duplicates, degrees.
@@ -45,6 +48,7 @@ impl Default for BranchAndBoundConfig {
             hypotheses_max: 6,
             runner_up_share: 0.85,
             runner_up_blocks: 600,
+            certificate_blocks: 1000,
             separation_min: 0.4,
             separation_min_deg: 10.0,
             likelihood_exponent: 0.3,

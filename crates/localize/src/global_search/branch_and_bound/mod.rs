@@ -7,6 +7,7 @@
 
 mod best_first;
 mod bound;
+mod certificate;
 mod config;
 mod gradual;
 mod rank;
@@ -14,6 +15,7 @@ mod tables;
 
 use nalgebra::Matrix3;
 
+pub use certificate::Certificate;
 pub use config::BranchAndBoundConfig;
 pub use gradual::GradualSearch;
 
@@ -68,6 +70,15 @@ impl Hypothesis {
     }
 }
 
+/// The result of a search with its proof.
+#[derive(Debug, Clone, Default)]
+pub struct CertifiedHypotheses {
+    /// The poses that explain the points best, most probable first.
+    pub hypotheses: Vec<Hypothesis>,
+    /// What all other poses explain at most. None without hypotheses.
+    pub certificate: Option<Certificate>,
+}
+
 /// Score tables of one field, and the buffers of a search.
 #[derive(Debug, Clone)]
 pub struct BranchAndBound {
@@ -119,9 +130,36 @@ impl BranchAndBound {
         points: &[LinePoint],
         prior: Option<HeadingPrior>,
     ) -> Vec<Hypothesis> {
+        self.search_headings(distances, matcher, points, prior).0
+    }
+
+    /// As `find_hypotheses`, with a bound on what all other poses explain.
+    pub fn find_certified(
+        &mut self,
+        distances: &DistanceField,
+        matcher: &mut Matcher,
+        points: &[LinePoint],
+        prior: Option<HeadingPrior>,
+    ) -> CertifiedHypotheses {
+        let (hypotheses, headings) = self.search_headings(distances, matcher, points, prior);
+        let certificate = self.certify(distances, &headings, &hypotheses);
+        CertifiedHypotheses {
+            hypotheses,
+            certificate,
+        }
+    }
+
+    /// The hypotheses, and the headings whose bounds the buffers hold.
+    fn search_headings(
+        &mut self,
+        distances: &DistanceField,
+        matcher: &mut Matcher,
+        points: &[LinePoint],
+        prior: Option<HeadingPrior>,
+    ) -> (Vec<Hypothesis>, HeadingRange) {
         self.select_points(points);
         if self.search.selected_points.is_empty() {
-            return Vec::new();
+            return Default::default();
         }
         self.search.fold_half_turn = prior.is_none() && self.half_turn_symmetric;
         let headings = self.heading_range(prior);
@@ -132,7 +170,8 @@ impl BranchAndBound {
         let cells = self.best_cells(blocks);
         let starts: Vec<Pose> = cells.iter().map(|cell| cell.pose).collect();
         let start_error = self.config.kernel_scale;
-        self.rank(distances, matcher, points, &starts, prior, start_error)
+        let hypotheses = self.rank(distances, matcher, points, &starts, prior, start_error);
+        (hypotheses, headings)
     }
 
     /// Selects the points within range, evenly thinned out.

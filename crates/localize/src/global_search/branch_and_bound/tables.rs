@@ -12,7 +12,7 @@ use crate::sample::LinePoint;
 /// Side of a block in cells.
 pub(super) const BLOCK: usize = 4;
 /// Largest score of a cell: the sum of 17 fits one byte.
-const SCORE_MAX: f32 = 15.0;
+pub(super) const SCORE_MAX: f32 = 15.0;
 /// Number of points summed in bytes before widening.
 pub(super) const BATCH: usize = 17;
 /// Blocks per row bounded at once: two vector registers of bytes.

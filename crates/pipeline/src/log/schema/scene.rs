@@ -70,7 +70,7 @@ pub(crate) fn field_scene(field: &Field, stamp: Stamp) -> SceneUpdate {
     };
     let goal = &field.config.goal;
     let mut posts = Vec::new();
-    for end in [1.0, -1.0] {
+    for end in [1.0, -1.0].into_iter().filter(|_| field.has_goals()) {
         for side in [1.0, -1.0] {
             let out = (goal.width + goal.post) / 2.0;
             posts.push(CubePrimitive {

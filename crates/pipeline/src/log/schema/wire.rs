@@ -138,6 +138,40 @@ pub(crate) struct Estimate {
     /// From measured to true motion (x, y, θ), row by row. Empty in logs of earlier versions.
     #[prost(float, repeated)]
     pub(crate) odometry_correction: Vec<f32>,
+    /// Absent unless the image was searched exactly on the whole field.
+    #[prost(message, optional)]
+    pub(crate) certificate: Option<Certificate>,
+    /// Absent unless the pose is ambiguous.
+    #[prost(message, optional)]
+    pub(crate) advice: Option<Advice>,
+}
+
+/// `localize::global_search::branch_and_bound::Certificate`: what all other poses explain at most, shares of the points.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Certificate {
+    #[prost(uint32)]
+    pub(crate) points: u32,
+    #[prost(float, required)]
+    pub(crate) answer_share: f32,
+    #[prost(float, required)]
+    pub(crate) others_share_max: f32,
+    #[prost(float, required)]
+    pub(crate) unlisted_share_max: f32,
+    #[prost(bool)]
+    pub(crate) is_attained: bool,
+}
+
+/// `localize::advice::Advice`: what would tell the hypotheses apart.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Advice {
+    /// For people.
+    #[prost(string)]
+    pub(crate) text: String,
+    /// Motion in the robot frame (m, m, rad). Empty: no motion tells, but a compass, coloured goals or a team-mate.
+    #[prost(float, repeated)]
+    pub(crate) motion: Vec<f32>,
+    #[prost(float, required)]
+    pub(crate) expected_log_odds: f32,
 }
 
 /// `localize::estimate::Fit`: how well the set-up fits the last seconds.

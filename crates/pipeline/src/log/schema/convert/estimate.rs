@@ -2,8 +2,9 @@
 
 use anyhow::{Context as _, Result, bail};
 use localize::Stamp;
+use localize::advice::{Advice, MotionAdvice};
 use localize::estimate::{Estimate, Fit, Mode, Reason};
-use localize::global_search::branch_and_bound::Hypothesis;
+use localize::global_search::branch_and_bound::{Certificate, Hypothesis};
 use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
 
@@ -46,6 +47,8 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         fit,
         map_correction,
         runners_up,
+        certificate,
+        advice,
     } = estimate;
     wire::Estimate {
         stamp_ns: stamp.0,
@@ -73,7 +76,41 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         }),
         map_correction: map_correction.as_ref().map(map_correction_to_wire),
         odometry_correction: odometry_correction.as_flattened().to_vec(),
+        certificate: certificate.map(|certificate| wire::Certificate {
+            points: certificate.points as u32,
+            answer_share: certificate.answer_share,
+            others_share_max: certificate.others_share_max,
+            unlisted_share_max: certificate.unlisted_share_max,
+            is_attained: certificate.is_attained,
+        }),
+        advice: advice.map(advice_to_wire),
     }
+}
+
+fn advice_to_wire(advice: Advice) -> wire::Advice {
+    let (motion, expected_log_odds) = match advice {
+        Advice::Move(MotionAdvice {
+            motion,
+            expected_log_odds,
+        }) => (motion.to_vec(), expected_log_odds),
+        Advice::ObserveHalf => (Vec::new(), 0.0),
+    };
+    wire::Advice {
+        text: advice.text(),
+        motion,
+        expected_log_odds,
+    }
+}
+
+fn advice_from_wire(advice: &wire::Advice) -> Result<Advice> {
+    Ok(match advice.motion[..] {
+        [] => Advice::ObserveHalf,
+        [x, y, theta] => Advice::Move(MotionAdvice {
+            motion: [x, y, theta],
+            expected_log_odds: advice.expected_log_odds,
+        }),
+        _ => bail!("the advised motion of the log has not 3 entries"),
+    })
 }
 
 pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
@@ -116,6 +153,14 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
             .map_correction
             .map(map_correction_from_wire)
             .transpose()?,
+        certificate: estimate.certificate.map(|certificate| Certificate {
+            points: certificate.points as usize,
+            answer_share: certificate.answer_share,
+            others_share_max: certificate.others_share_max,
+            unlisted_share_max: certificate.unlisted_share_max,
+            is_attained: certificate.is_attained,
+        }),
+        advice: estimate.advice.as_ref().map(advice_from_wire).transpose()?,
     })
 }
 
@@ -197,6 +242,15 @@ fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
 /// The estimate's reason as text; empty if the pose is simply tracked.
 pub fn reason_text(estimate: &Estimate) -> &'static str {
     estimate.reason.map_or("", reason_name)
+}
+
+/// The estimate's mode and reason as text, with the advice for an ambiguous pose.
+pub fn mode_and_advice(estimate: &Estimate) -> String {
+    let text = mode_and_reason(estimate);
+    match &estimate.advice {
+        Some(advice) => format!("{text} ({})", advice.text()),
+        None => text,
+    }
 }
 
 /// The estimate's mode and reason as text.

@@ -19,7 +19,7 @@ pub(crate) use detections::{
     ball_to_wire, detections_from_wire, detections_to_wire, robot_to_wire,
 };
 pub(crate) use estimate::{estimate_from_wire, estimate_to_wire, map_correction_to_wire};
-pub use estimate::{mode_and_reason, reason_text};
+pub use estimate::{mode_and_advice, mode_and_reason, reason_text};
 pub(crate) use geometry::pose_error_to_wire;
 use geometry::{
     line_points_from_wire, line_points_to_wire, pose_from_wire, pose_to_wire, same_length,
