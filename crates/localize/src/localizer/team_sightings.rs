@@ -1,0 +1,254 @@
+//! Sightings between team-mates correct a pose that the field's markings determine badly (docs/methods.md 12.5).
+//!
+//! A mate saw a robot that may be this one, or this robot saw one that may be the mate. A sighting is used if one pair of
+//! robots explains it, and no other does.
+
+use nalgebra::{Matrix2, Matrix2x3, Vector2};
+
+use super::Localizer;
+use super::cooperative_config::CooperativeConfig;
+use super::own_motion::OwnMotion;
+use super::state::State;
+use crate::filter::{ERRORS_PER_MATE, MateMeasurement, PoseFilter};
+use crate::frames::{At, FieldFrame, RobotFrame};
+use crate::stamp::Stamp;
+
+/// Who saw whom.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SightingDirection {
+    /// The mate saw this robot.
+    ByMate,
+    /// This robot saw the mate.
+    OfMate,
+}
+
+/// A robot seen by one side that may be the other side: one point in both frames.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SightingPair {
+    /// The point relative to this robot: its own place, or a robot that it saw. Metres.
+    pub from_robot: At<RobotFrame>,
+    /// The point by the mate: a robot that it saw, or its own place. Metres.
+    pub on_field: At<FieldFrame>,
+    /// Covariance of the difference but for this robot's pose: xx, xy, yy on the field, m².
+    pub covariance: [f32; 3],
+}
+
+/// A robot that may have been taken for one of a pair.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SightingRival {
+    /// Index of the pair.
+    pub pair: usize,
+    /// The point if it is the other robot.
+    pub explanation: SightingPair,
+}
+
+/// What one message of a mate says about this robot's pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TeamSighting {
+    /// Number of the mate.
+    pub robot: u32,
+    /// Who saw whom.
+    pub direction: SightingDirection,
+    /// Time to which `from_robot` of all points refers.
+    pub stamp: Stamp,
+    /// Variances of the mate's position on the field: x, y, m². They are part of each pair's covariance.
+    pub mate_variance: [f32; 2],
+    /// Each of the robots that may have been seen.
+    pub pairs: Vec<SightingPair>,
+    /// Other robots that may have been seen instead.
+    pub rivals: Vec<SightingRival>,
+}
+
+/// What became of a sighting.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SightingOutcome {
+    /// It corrected the pose.
+    Used,
+    /// The pose is certain enough without it.
+    NotNeeded,
+    /// There is no pose whose half of the field is known, or another pose is probable.
+    NoPose,
+    /// The pose is too uncertain to tell robots apart.
+    TooUncertain,
+    /// No robot was seen where it had to be.
+    NotSeen,
+    /// It may have been another robot.
+    Ambiguous,
+    /// It is too old, or of the future.
+    Late,
+    /// The filter knows no more mates, or none at all.
+    TooManyMates,
+}
+
+/// Standard deviation of a sighting's error that does not last, metres.
+const NOISE_STD: f32 = 0.02;
+
+impl Localizer {
+    /// Corrects the pose at the last image by sightings of team-mates, and returns what became of each.
+    ///
+    /// The state at the last image is corrected, and the later samples are applied to it again.
+    pub fn apply_team_sightings(
+        &mut self,
+        sightings: &[TeamSighting],
+        config: &CooperativeConfig,
+    ) -> Vec<SightingOutcome> {
+        if sightings.is_empty() {
+            return Vec::new();
+        }
+        let Some(mut snapshot) = self.snapshot.take() else {
+            return vec![SightingOutcome::NoPose; sightings.len()];
+        };
+        let filter_config = &self.config.filter;
+        let half_known = |state: &State| state.track().is_some_and(|track| self.half_known(track));
+        let outcomes: Vec<SightingOutcome> = if half_known(&snapshot.state)
+            && let State::Tracking(track) = &mut snapshot.state
+        {
+            let motion = &self.own_motion;
+            sightings
+                .iter()
+                .map(|sighting| {
+                    let measurement = match associate(&mut track.filter, motion, sighting, config) {
+                        Ok(measurement) => measurement,
+                        Err(refused) => return refused,
+                    };
+                    track.filter.update_by_mate(&measurement, filter_config);
+                    SightingOutcome::Used
+                })
+                .collect()
+        } else {
+            vec![SightingOutcome::NoPose; sightings.len()]
+        };
+        if outcomes.contains(&SightingOutcome::Used) {
+            self.filter_stamp = snapshot.filter_stamp;
+            self.motion_inputs = snapshot.motion_inputs.clone();
+            self.state = snapshot.state.clone();
+            let later = std::mem::take(&mut self.buffered);
+            self.snapshot = Some(snapshot);
+            for measurement in later {
+                self.receive(measurement);
+            }
+        } else {
+            self.snapshot = Some(snapshot);
+        }
+        outcomes
+    }
+}
+
+/// The one pair that explains a sighting, as a measurement of the filter.
+fn associate(
+    filter: &mut PoseFilter,
+    motion: &OwnMotion,
+    sighting: &TeamSighting,
+    config: &CooperativeConfig,
+) -> Result<MateMeasurement, SightingOutcome> {
+    let std = filter.position_std();
+    if std < config.own_std_min {
+        return Err(SightingOutcome::NotNeeded);
+    }
+    if std > config.own_std_max {
+        return Err(SightingOutcome::TooUncertain);
+    }
+    let moved = motion.since(sighting.stamp).ok_or(SightingOutcome::Late)?;
+    let now_from_then = moved.inverse();
+    // The robot's frame at the sighting, as seen from its frame at the last image.
+    let explain =
+        |pair: &SightingPair| Explanation::new(filter, now_from_then * pair.from_robot, pair);
+    let all: Vec<Explanation> = sighting.pairs.iter().map(explain).collect();
+    let best = all
+        .iter()
+        .enumerate()
+        .min_by(|a, b| a.1.mahalanobis_squared.total_cmp(&b.1.mahalanobis_squared));
+    let (index, best) = best.ok_or(SightingOutcome::NotSeen)?;
+    if !(best.mahalanobis_squared <= config.gate) {
+        return Err(SightingOutcome::NotSeen);
+    }
+    let limit = best.mahalanobis_squared + config.ambiguity_margin;
+    let other_pair = all
+        .iter()
+        .enumerate()
+        .any(|(other, explanation)| other != index && explanation.mahalanobis_squared < limit);
+    let other_robot = sighting
+        .rivals
+        .iter()
+        .filter(|rival| rival.pair == index)
+        .any(|rival| explain(&rival.explanation).mahalanobis_squared < limit);
+    if other_pair || other_robot {
+        return Err(SightingOutcome::Ambiguous);
+    }
+    let measurement = best.measurement(sighting, &sighting.pairs[index].covariance);
+    let innovation = filter
+        .mate_innovation(&measurement, config.error_time)
+        .ok_or(SightingOutcome::TooManyMates)?;
+    let squared = mahalanobis_squared(&innovation.innovation, &innovation.covariance);
+    if squared <= config.gate {
+        Ok(measurement)
+    } else {
+        Err(SightingOutcome::NotSeen)
+    }
+}
+
+/// How well does the own pose explain a pair?
+struct Explanation {
+    /// Measured minus predicted point on the field.
+    residual: Vector2<f32>,
+    /// Derivative of the predicted point by the own heading.
+    by_heading: [f32; 2],
+    mahalanobis_squared: f32,
+}
+
+impl Explanation {
+    /// `from_robot`: the pair's point in the robot's frame at the last image.
+    fn new(filter: &PoseFilter, from_robot: At<RobotFrame>, pair: &SightingPair) -> Self {
+        let pose = filter.pose();
+        let predicted = pose * from_robot;
+        let by_heading = [pose.y - predicted.y, predicted.x - pose.x];
+        let residual = Vector2::new(pair.on_field.x - predicted.x, pair.on_field.y - predicted.y);
+        let jacobian = Matrix2x3::new(1.0, 0.0, by_heading[0], 0.0, 1.0, by_heading[1]);
+        let [xx, xy, yy] = pair.covariance;
+        let covariance = jacobian * filter.covariance() * jacobian.transpose()
+            + Matrix2::new(xx, xy, xy, yy)
+            + Matrix2::identity() * (NOISE_STD * NOISE_STD);
+        Explanation {
+            residual,
+            by_heading,
+            mahalanobis_squared: mahalanobis_squared(&residual, &covariance),
+        }
+    }
+
+    fn measurement(&self, sighting: &TeamSighting, covariance: &[f32; 3]) -> MateMeasurement {
+        MateMeasurement {
+            robot: sighting.robot,
+            residual: self.residual.into(),
+            by_heading: self.by_heading,
+            by_errors: errors_of(sighting, covariance),
+            variance: NOISE_STD * NOISE_STD,
+        }
+    }
+}
+
+/// Derivative by the mate's errors: those of its position, which both directions share, and the rest of each direction.
+fn errors_of(sighting: &TeamSighting, [xx, xy, yy]: &[f32; 3]) -> [[f32; ERRORS_PER_MATE]; 2] {
+    let [pose_x, pose_y] = sighting.mate_variance.map(|variance| variance.max(0.0));
+    let first = match sighting.direction {
+        SightingDirection::ByMate => 2,
+        SightingDirection::OfMate => 4,
+    };
+    // Lower triangle of the rest's square root.
+    let x = (xx - pose_x).max(NOISE_STD * NOISE_STD).sqrt();
+    let cross = xy / x;
+    let y = (yy - pose_y - cross * cross)
+        .max(NOISE_STD * NOISE_STD)
+        .sqrt();
+    let mut rows = [[0.0; ERRORS_PER_MATE]; 2];
+    (rows[0][0], rows[1][1]) = (pose_x.sqrt(), pose_y.sqrt());
+    rows[0][first] = x;
+    (rows[1][first], rows[1][first + 1]) = (cross, y);
+    rows
+}
+
+/// Infinite if the covariance is singular.
+fn mahalanobis_squared(residual: &Vector2<f32>, covariance: &Matrix2<f32>) -> f32 {
+    covariance.try_inverse().map_or(f32::INFINITY, |inverse| {
+        residual.dot(&(inverse * residual)).abs()
+    })
+}
