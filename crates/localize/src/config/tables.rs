@@ -658,6 +658,7 @@ pub const TEAM_BOUNDS: &[Bound] = &[
         1.0e4,
         "smaller gates refuse good observations",
     ),
+    bound("cooperative.doubt_after", 0.0, 3600.0, SECONDS),
     bound(
         "cooperative.ambiguity_margin",
         0.0,

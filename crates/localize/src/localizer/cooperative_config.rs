@@ -29,6 +29,8 @@ pub struct CooperativeConfig {
     pub delay_max: f32,
     /// Largest squared Mahalanobis distance of a sighting. The default is 99 % of 2 degrees of freedom.
     pub gate: f32,
+    /// Time for which most team-mates must contradict the pose until it counts as less certain, seconds.
+    pub doubt_after: f32,
     /// A sighting is ambiguous if another robot explains it with a squared Mahalanobis distance that is larger by less
     /// than this.
     pub ambiguity_margin: f32,
@@ -42,12 +44,13 @@ impl Default for CooperativeConfig {
             own_std_max: 0.5,
             helper_std_max: 0.1,
             independent_after: 2.0,
-            position_std_min: 0.03,
-            error_time: 3.0,
+            position_std_min: 0.05,
+            error_time: 5.0,
             // Half of the difference of a delay there and back.
             clock_std: 0.01,
             delay_max: 0.3,
             gate: 9.2,
+            doubt_after: 0.7,
             ambiguity_margin: 9.0,
         }
     }

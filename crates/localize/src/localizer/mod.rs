@@ -12,6 +12,7 @@ mod global_check;
 mod global_localization;
 mod map_learning;
 mod match_figures;
+mod mate_record;
 mod measurements;
 mod motion_inputs;
 mod output;

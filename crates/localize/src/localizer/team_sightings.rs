@@ -8,8 +8,8 @@ use nalgebra::{Matrix2, Matrix2x3, Vector2};
 use super::Localizer;
 use super::cooperative_config::CooperativeConfig;
 use super::own_motion::OwnMotion;
-use super::state::State;
-use crate::filter::{ERRORS_PER_MATE, MateMeasurement, PoseFilter};
+use super::state::{PoseTrack, State};
+use crate::filter::{ERRORS_PER_MATE, FilterConfig, MateMeasurement, PoseFilter};
 use crate::frames::{At, FieldFrame, RobotFrame};
 use crate::stamp::Stamp;
 
@@ -64,14 +64,14 @@ pub struct TeamSighting {
 pub enum SightingOutcome {
     /// It corrected the pose.
     Used,
-    /// The pose is certain enough without it.
-    NotNeeded,
     /// There is no pose whose half of the field is known, or another pose is probable.
     NoPose,
     /// The pose is too uncertain to tell robots apart.
     TooUncertain,
     /// No robot was seen where it had to be.
     NotSeen,
+    /// The same, for so long and by so many mates that the pose now counts as less certain.
+    PoseDoubted,
     /// It may have been another robot.
     Ambiguous,
     /// It is too old, or of the future.
@@ -82,6 +82,10 @@ pub enum SightingOutcome {
 
 /// Standard deviation of a sighting's error that does not last, metres.
 const NOISE_STD: f32 = 0.02;
+/// Distance of a robot that may be this one although the pose excludes it, over `own_std_max`.
+const REACH_SHARE: f32 = 3.0;
+/// Largest standard deviation of a doubted pose, over `own_std_max`.
+const DOUBT_SHARE: f32 = 0.8;
 
 impl Localizer {
     /// Corrects the pose at the last image by sightings of team-mates, and returns what became of each.
@@ -106,19 +110,13 @@ impl Localizer {
             let motion = &self.own_motion;
             sightings
                 .iter()
-                .map(|sighting| {
-                    let measurement = match associate(&mut track.filter, motion, sighting, config) {
-                        Ok(measurement) => measurement,
-                        Err(refused) => return refused,
-                    };
-                    track.filter.update_by_mate(&measurement, filter_config);
-                    SightingOutcome::Used
-                })
+                .map(|sighting| apply(track, motion, sighting, config, filter_config))
                 .collect()
         } else {
             vec![SightingOutcome::NoPose; sightings.len()]
         };
-        if outcomes.contains(&SightingOutcome::Used) {
+        let changes = [SightingOutcome::Used, SightingOutcome::PoseDoubted];
+        if outcomes.iter().any(|outcome| changes.contains(outcome)) {
             self.filter_stamp = snapshot.filter_stamp;
             self.motion_inputs = snapshot.motion_inputs.clone();
             self.state = snapshot.state.clone();
@@ -128,10 +126,49 @@ impl Localizer {
                 self.receive(measurement);
             }
         } else {
+            if let (Some(track), Some(judged)) = (self.state.track_mut(), snapshot.state.track()) {
+                track.mates.clone_from(&judged.mates);
+            }
             self.snapshot = Some(snapshot);
         }
         outcomes
     }
+}
+
+/// Updates a tracked pose by a sighting.
+fn apply(
+    track: &mut PoseTrack,
+    motion: &OwnMotion,
+    sighting: &TeamSighting,
+    config: &CooperativeConfig,
+    filter_config: &FilterConfig,
+) -> SightingOutcome {
+    let (robot, stamp) = (sighting.robot, sighting.stamp);
+    match associate(&mut track.filter, motion, sighting, config) {
+        Ok(measurement) => {
+            track.filter.update_by_mate(&measurement, filter_config);
+            track.mates.mark_used(robot, stamp);
+            SightingOutcome::Used
+        }
+        Err(Refusal::Elsewhere(distance))
+            if track.mates.mark_refused(robot, stamp, config.doubt_after) =>
+        {
+            // As after an unreported motion (docs/methods.md 8.9): the distance is one standard deviation.
+            let std = track.filter.position_std();
+            let doubt = distance.min(DOUBT_SHARE * config.own_std_max);
+            track.filter.inflate_covariance((doubt / std).powi(2));
+            SightingOutcome::PoseDoubted
+        }
+        Err(Refusal::Elsewhere(_)) => SightingOutcome::NotSeen,
+        Err(Refusal::Other(outcome)) => outcome,
+    }
+}
+
+/// Why a sighting is not used.
+enum Refusal {
+    /// The nearest robot that was seen is this far from where it had to be, metres.
+    Elsewhere(f32),
+    Other(SightingOutcome),
 }
 
 /// The one pair that explains a sighting, as a measurement of the filter.
@@ -140,15 +177,13 @@ fn associate(
     motion: &OwnMotion,
     sighting: &TeamSighting,
     config: &CooperativeConfig,
-) -> Result<MateMeasurement, SightingOutcome> {
-    let std = filter.position_std();
-    if std < config.own_std_min {
-        return Err(SightingOutcome::NotNeeded);
+) -> Result<MateMeasurement, Refusal> {
+    if filter.position_std() > config.own_std_max {
+        return Err(Refusal::Other(SightingOutcome::TooUncertain));
     }
-    if std > config.own_std_max {
-        return Err(SightingOutcome::TooUncertain);
-    }
-    let moved = motion.since(sighting.stamp).ok_or(SightingOutcome::Late)?;
+    let moved = motion
+        .since(sighting.stamp)
+        .ok_or(Refusal::Other(SightingOutcome::Late))?;
     let now_from_then = moved.inverse();
     // The robot's frame at the sighting, as seen from its frame at the last image.
     let explain =
@@ -158,9 +193,9 @@ fn associate(
         .iter()
         .enumerate()
         .min_by(|a, b| a.1.mahalanobis_squared.total_cmp(&b.1.mahalanobis_squared));
-    let (index, best) = best.ok_or(SightingOutcome::NotSeen)?;
+    let (index, best) = best.ok_or(Refusal::Other(SightingOutcome::NotSeen))?;
     if !(best.mahalanobis_squared <= config.gate) {
-        return Err(SightingOutcome::NotSeen);
+        return Err(best.elsewhere(config));
     }
     let limit = best.mahalanobis_squared + config.ambiguity_margin;
     let other_pair = all
@@ -173,17 +208,17 @@ fn associate(
         .filter(|rival| rival.pair == index)
         .any(|rival| explain(&rival.explanation).mahalanobis_squared < limit);
     if other_pair || other_robot {
-        return Err(SightingOutcome::Ambiguous);
+        return Err(Refusal::Other(SightingOutcome::Ambiguous));
     }
     let measurement = best.measurement(sighting, &sighting.pairs[index].covariance);
     let innovation = filter
         .mate_innovation(&measurement, config.error_time)
-        .ok_or(SightingOutcome::TooManyMates)?;
+        .ok_or(Refusal::Other(SightingOutcome::TooManyMates))?;
     let squared = mahalanobis_squared(&innovation.innovation, &innovation.covariance);
     if squared <= config.gate {
         Ok(measurement)
     } else {
-        Err(SightingOutcome::NotSeen)
+        Err(best.elsewhere(config))
     }
 }
 
@@ -212,6 +247,16 @@ impl Explanation {
             residual,
             by_heading,
             mahalanobis_squared: mahalanobis_squared(&residual, &covariance),
+        }
+    }
+
+    /// One that is too far away says nothing.
+    fn elsewhere(&self, config: &CooperativeConfig) -> Refusal {
+        let distance = self.residual.norm();
+        if distance <= REACH_SHARE * config.own_std_max {
+            Refusal::Elsewhere(distance)
+        } else {
+            Refusal::Other(SightingOutcome::NotSeen)
         }
     }
 

@@ -2,6 +2,7 @@
 
 pub mod air_ball;
 pub mod consistency;
+pub mod cooperative;
 pub mod drive;
 pub mod evaluation;
 pub mod flying_ball;

@@ -20,7 +20,7 @@ pub use config::TeamConfig;
 pub use rays::TeamBallInSpace;
 pub use report::{ReportedBall, ReportedObstacle, TeamReport};
 
-use pose_origin::{PoseOrigin, position_std};
+use pose_origin::PoseOrigin;
 use rays::TeamRays;
 use report::is_plausible;
 use sightings::SightingHistory;
@@ -189,8 +189,8 @@ impl TeamModel {
         let config = &self.config.cooperative;
         let is_helpful = config.enabled
             && estimate.half_known
-            && position_std(estimate) >= config.own_std_min
-            && estimate.pose.is_some();
+            && estimate.pose.is_some()
+            && self.pose_origin.needs_mates(estimate, config);
         if !is_helpful {
             self.history.skip_reports();
             return Vec::new();

@@ -30,6 +30,12 @@ impl PoseOrigin {
         self.last = None;
     }
 
+    /// Do the markings determine the pose so badly that team-mates should correct it? Once they did, until it rests on the
+    /// markings again.
+    pub(super) fn needs_mates(&self, estimate: &Estimate, config: &CooperativeConfig) -> bool {
+        self.corrected && self.since.is_none() || position_std(estimate) >= config.own_std_min
+    }
+
     /// Does the pose of this image rest on the markings alone?
     pub(super) fn update(&mut self, estimate: &Estimate, config: &CooperativeConfig) -> bool {
         let stamp = estimate.stamp;
@@ -62,7 +68,7 @@ impl PoseOrigin {
 }
 
 /// Largest standard deviation of the position in any direction, metres. Infinite without a pose.
-pub(super) fn position_std(estimate: &Estimate) -> f32 {
+fn position_std(estimate: &Estimate) -> f32 {
     if estimate.pose.is_none() {
         return f32::INFINITY;
     }

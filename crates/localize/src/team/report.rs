@@ -55,17 +55,15 @@ pub(super) fn is_plausible(report: &TeamReport) -> bool {
     let pose = report
         .pose
         .is_none_or(|pose| is_near(pose.x, pose.y) && pose.theta.is_finite());
-    let is_covariance = |[xx, xy, yy]: [f32; 3]| {
-        xx >= 0.0 && yy >= 0.0 && xx * yy - xy * xy >= 0.0 && xx + yy < 1e4
-    };
     let ball = report.ball.is_none_or(|ball| {
         is_near(ball.at.x, ball.at.y)
             && ball.velocity.iter().all(|speed| speed.abs() < 100.0)
             && is_covariance(ball.covariance)
     });
-    let obstacles = report.obstacles.iter().all(|obstacle| {
-        is_near(obstacle.at.x, obstacle.at.y) && is_covariance(obstacle.covariance)
-    });
+    let obstacles = report
+        .obstacles
+        .iter()
+        .all(|obstacle| is_near(obstacle.at.x, obstacle.at.y));
     let pose_std = report.pose_std.iter().all(|std| (0.0..1e3).contains(std));
     let sighting = report.ball_sighting.is_none_or(|sighting| {
         let [azimuth, elevation] = sighting.std;
@@ -76,4 +74,9 @@ pub(super) fn is_plausible(report: &TeamReport) -> bool {
             && (0.0..10.0).contains(&sighting.viewpoint_height)
     });
     pose && pose_std && ball && sighting && obstacles
+}
+
+/// True if finite, not negative and below that of a field.
+pub(super) fn is_covariance([xx, xy, yy]: [f32; 3]) -> bool {
+    xx >= 0.0 && yy >= 0.0 && xx * yy - xy * xy >= 0.0 && xx + yy < 1e4
 }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix2, Matrix4, Vector2};
 
 use super::config::TeamConfig;
-use super::report::{ReportedObstacle, TeamReport};
+use super::report::{ReportedObstacle, TeamReport, is_covariance};
 use crate::estimate::Estimate;
 use crate::frames::{At, FieldFrame, Pose, RobotFrame};
 use crate::localizer::{
@@ -174,7 +174,7 @@ fn seen_by_mate(
     let noise = added_variance(image.speed, config);
     let is_seen = |obstacle: &&ReportedObstacle| {
         let [xx, _, yy] = obstacle.covariance;
-        xx.max(yy) <= SEEN_STD_MAX * SEEN_STD_MAX
+        is_covariance(obstacle.covariance) && xx.max(yy) <= SEEN_STD_MAX * SEEN_STD_MAX
     };
     let is_other = |obstacle: &ReportedObstacle| {
         others.iter().any(|mate| {

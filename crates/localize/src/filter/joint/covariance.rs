@@ -71,7 +71,7 @@ impl JointFilter {
         }
         let normalized = innovation / innovation_variance;
         if let Some(errors) = &mut self.mate_errors {
-            errors.update_scalar(jacobian, &cross, normalized, innovation_variance);
+            errors.update_scalar(jacobian, &cross, innovation_variance);
         }
         for (value, cross) in self.state.iter_mut().zip(&cross) {
             *value += cross * normalized;

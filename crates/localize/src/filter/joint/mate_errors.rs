@@ -1,8 +1,9 @@
-//! Sightings between team-mates: their lasting errors as further states of the joint filter (docs/methods.md 12.5).
+//! Sightings between team-mates: their lasting errors, considered by the joint filter (docs/methods.md 12.5).
 //!
 //! The error of a mate's pose, and that of a sighting, last for seconds, so that a second sighting by the same mate repeats
-//! the error of the first. They are states with N(0, 1) as their prior and are forgotten over time. The filter knows
-//! their covariance with each of its other states, so that no error counts as independent twice.
+//! the error of the first. A Schmidt-Kalman filter considers them: it knows the covariance of each of its states with
+//! each error, but does not estimate the errors themselves. So no error counts as independent twice, however often
+//! the mate reports, and a pose that was right before does not teach the filter to trust a mate for long.
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
@@ -11,7 +12,7 @@ use super::covariance::VARIANCE_MIN;
 use super::state::{LATENCY, POSE, ROW_STRIDE, STATES, SparseRow, WHEEL_INCREMENT};
 use crate::filter::FilterConfig;
 use crate::frames::wrap_angle;
-use crate::matching::{Matrix5, Vector5};
+use crate::matching::Matrix5;
 use crate::math;
 
 /// Errors of each mate: of its pose, of its sightings of us, and of ours of it; x and y on the field each.
@@ -22,8 +23,6 @@ const MATES_MAX: usize = 4;
 const ERRORS: usize = MATES_MAX * ERRORS_PER_MATE;
 /// Multiple of the time for which errors last after which nothing is left of them.
 const FORGOTTEN_AFTER: f32 = 5.0;
-/// Smallest variance of an error, whose prior has 1.
-const ERROR_VARIANCE_MIN: f32 = 1e-4;
 
 /// A point on the field located by a mate, against its place by the own pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,7 +48,7 @@ pub struct MateInnovation {
     pub covariance: Matrix2<f32>,
 }
 
-/// Estimate of the mates' errors, in units of their standard deviations.
+/// Covariance with the mates' errors, in units of their standard deviations: N(0, 1), independent of each other.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct MateErrors {
     /// The mate of each group of errors.
@@ -58,24 +57,16 @@ pub(super) struct MateErrors {
     error_time: f32,
     /// Time since they were last forgotten a little, seconds.
     elapsed: f32,
-    mean: [f32; ERRORS],
-    covariance: [[f32; ERRORS]; ERRORS],
     /// Covariance of the filter's states (rows) with the errors.
     cross: [[f32; ERRORS]; STATES],
 }
 
 impl MateErrors {
     fn new(error_time: f32) -> Self {
-        let mut covariance = [[0.0; ERRORS]; ERRORS];
-        for (k, line) in covariance.iter_mut().enumerate() {
-            line[k] = 1.0;
-        }
         MateErrors {
             robots: [None; MATES_MAX],
             error_time,
             elapsed: 0.0,
-            mean: [0.0; ERRORS],
-            covariance,
             cross: [[0.0; ERRORS]; STATES],
         }
     }
@@ -88,16 +79,11 @@ impl MateErrors {
         Some(place * ERRORS_PER_MATE)
     }
 
-    /// Gauss-Markov process over the time since the last call: m ← a m + √(1 − a²) N(0, 1).
+    /// Gauss-Markov process over the time since the last call: the errors change, and their covariance with the states
+    /// shrinks.
     fn forget(&mut self) {
         let kept = math::exp(-std::mem::take(&mut self.elapsed) / self.error_time);
-        for (k, line) in self.covariance.iter_mut().enumerate() {
-            for value in line.iter_mut() {
-                *value *= kept * kept;
-            }
-            line[k] += 1.0 - kept * kept;
-        }
-        for value in self.mean.iter_mut().chain(self.cross.as_flattened_mut()) {
+        for value in self.cross.as_flattened_mut() {
             *value *= kept;
         }
     }
@@ -125,73 +111,49 @@ impl MateErrors {
         projected
     }
 
-    /// Their part of a scalar update. `states`: P Hᵀ of the states, `errors`: that of the errors.
+    /// C ← C − K (H C) of a scalar update. `states`: P Hᵀ; `errors`: H C.
     fn reduce(
         &mut self,
         states: &[f32; ROW_STRIDE],
         errors: &[f32; ERRORS],
-        normalized: f32,
         innovation_variance: f32,
     ) {
-        for (value, error) in self.mean.iter_mut().zip(errors) {
-            *value += error * normalized;
-        }
         for (line, state) in self.cross.iter_mut().zip(states) {
             let gain = state / innovation_variance;
             for (value, error) in line.iter_mut().zip(errors) {
                 *value -= gain * error;
             }
         }
-        for (k, line) in self.covariance.iter_mut().enumerate() {
-            let gain = errors[k] / innovation_variance;
-            for (value, error) in line.iter_mut().zip(errors) {
-                *value -= gain * error;
-            }
-            line[k] = line[k].max(ERROR_VARIANCE_MIN);
-        }
     }
 
-    /// Their part of a scalar update by a measurement of the states.
+    /// The same for a measurement of the states.
     pub(super) fn update_scalar(
         &mut self,
         jacobian: SparseRow,
         states: &[f32; ROW_STRIDE],
-        normalized: f32,
         innovation_variance: f32,
     ) {
         let errors = self.project(jacobian);
-        self.reduce(states, &errors, normalized, innovation_variance);
+        self.reduce(states, &errors, innovation_variance);
     }
 
-    /// Their part of a pose update (docs/methods.md 8.7). `rows`: H; `cross`: P Hᵀ; `information`: S⁻¹.
+    /// The same for a pose update (docs/methods.md 8.7). `rows`: H; `cross`: P Hᵀ; `information`: S⁻¹.
     pub(super) fn update_by_image(
         &mut self,
         rows: &[Vec<(usize, f32)>; 5],
         cross: &SMatrix<f32, STATES, 5>,
         information: &Matrix5,
-        innovation: &Vector5,
         posterior: &Matrix5,
     ) {
         let projected = rows.each_ref().map(|row| self.project(row));
         let projected = SMatrix::<f32, 5, ERRORS>::from_fn(|i, k| projected[i][k]);
-        // S⁻¹ (S − P_y) S⁻¹ H C
-        let reduction = (information - information * posterior * information) * projected;
-        let step = projected.transpose() * (information * innovation);
-        for (value, step) in self.mean.iter_mut().zip(step.iter()) {
-            *value += step;
-        }
-        let of_states = cross * reduction;
+        // (S + R)⁻¹ = S⁻¹ (S − P_y) S⁻¹
+        let inverse = information - information * posterior * information;
+        let step = cross * (inverse * projected);
         for (i, line) in self.cross.iter_mut().enumerate() {
             for (k, value) in line.iter_mut().enumerate() {
-                *value -= of_states[(i, k)];
+                *value -= step[(i, k)];
             }
-        }
-        let of_errors = projected.transpose() * reduction;
-        for (i, line) in self.covariance.iter_mut().enumerate() {
-            for (k, value) in line.iter_mut().enumerate() {
-                *value -= 0.5 * (of_errors[(i, k)] + of_errors[(k, i)]);
-            }
-            line[i] = line[i].max(ERROR_VARIANCE_MIN);
         }
     }
 
@@ -241,7 +203,7 @@ impl JointFilter {
             rows[i].dot(&states, &errors) + white
         });
         Some(MateInnovation {
-            innovation: Vector2::from(rows.map(|row| self.mate_residual(measurement, &row))),
+            innovation: Vector2::from(measurement.residual),
             covariance: (covariance + covariance.transpose()) * 0.5,
         })
     }
@@ -270,7 +232,7 @@ impl JointFilter {
             // The step along the first axis changes the prediction of the second.
             let moved = self.pose().difference(pose);
             let predicted = moved[axis] + row.by_heading * moved[2];
-            let normalized = (self.mate_residual(measurement, &row) - predicted) / variance;
+            let normalized = (measurement.residual[axis] - predicted) / variance;
             for (value, cross) in self.state.iter_mut().zip(&states) {
                 *value += cross * normalized;
             }
@@ -283,7 +245,7 @@ impl JointFilter {
                 line[i] = line[i].max(VARIANCE_MIN);
             }
             if let Some(mates) = &mut self.mate_errors {
-                mates.reduce(&states, &errors, normalized, variance);
+                mates.reduce(&states, &errors, variance);
             }
         }
         self.clamp_scales();
@@ -312,20 +274,9 @@ impl JointFilter {
             for (value, cross) in states.iter_mut().zip(&mates.cross) {
                 *value += factor * cross[error];
             }
-            for (value, other) in errors.iter_mut().zip(&mates.covariance[error]) {
-                *value += factor * other;
-            }
+            errors[error] += factor;
         }
         (states, errors)
-    }
-
-    /// The residual less the expected errors of the mate.
-    fn mate_residual(&self, measurement: &MateMeasurement, row: &MateRow) -> f32 {
-        let mean = self.mate_errors.as_ref().map_or(&[][..], |mates| {
-            &mates.mean[row.first_error..row.first_error + ERRORS_PER_MATE]
-        });
-        let expected: f32 = mean.iter().zip(row.by_errors).map(|(m, l)| m * l).sum();
-        measurement.residual[row.axis] - expected
     }
 }
 

@@ -96,7 +96,7 @@ impl JointFilter {
             let rows = self.pose_rows(tilt_prior);
             if let Some(errors) = &mut self.mate_errors {
                 let posterior = &posterior.covariance;
-                errors.update_by_image(&rows, &cross, &information, &innovation, posterior);
+                errors.update_by_image(&rows, &cross, &information, posterior);
             }
         }
         let step = gain * innovation;
