@@ -9,6 +9,7 @@ use serde::Deserialize;
 use sim::fusion_experiment::{Disturbance, Estimator};
 
 use super::air::{AirRuns, AirVariant};
+use super::cooperative::{CooperativeRuns, CooperativeVariant};
 use super::metric::PaperReference;
 
 /// An experiment file. Paths are relative to it.
@@ -75,6 +76,8 @@ pub(crate) enum PartRun {
     MultiRobot(MultiRobotRuns),
     /// A ball in the air, for one robot and for several, without images.
     Air(AirRuns),
+    /// A robot without line points among team-mates that see it, without images.
+    Cooperative(CooperativeRuns),
 }
 
 /// Images for the detection rates.
@@ -331,6 +334,15 @@ impl Part {
                         variant.liars.unwrap_or_default()
                     );
                 }
+            }
+            PartRun::Cooperative(runs) => {
+                let honest_missing = |variant: &&CooperativeVariant| {
+                    variant.liars > Some(variant.mates.unwrap_or(2))
+                };
+                if let Some(variant) = runs.variants.iter().find(honest_missing) {
+                    bail!("variant {:?}: more liars than mates", variant.name);
+                }
+                runs.field = folder.join(&runs.field);
             }
             PartRun::Air(air) => {
                 let honest_missing = |variant: &&AirVariant| variant.liars >= variant.robots;

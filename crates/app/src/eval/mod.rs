@@ -1,6 +1,7 @@
 //! `mirrorball eval`: are the papers' results reproduced? Experiments from TOML files, their metrics next to the papers' values.
 
 pub(crate) mod air;
+pub(crate) mod cooperative;
 pub(crate) mod drives;
 pub(crate) mod experiment;
 pub(crate) mod fusion;
@@ -29,7 +30,7 @@ use pipeline::paths;
 /// The same seeds give the same figures, except times.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball eval lima2001 --out out/lima2001\n\
-                  NAME is one of config/experiments (lima2001, minho2016, nubot2013, eyes, fusion, team, air, all) or the path of a TOML file.")]
+                  NAME is one of config/experiments (lima2001, minho2016, nubot2013, eyes, fusion, team, air, cooperative, all) or the path of a TOML file.")]
 pub(crate) struct Args {
     /// The experiment.
     name: String,
@@ -164,6 +165,7 @@ fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<P
         PartRun::Fusion(fusion) => ("fusion", fusion::run(fusion, seeds, &mut rows, &bar)),
         PartRun::Team(team) => ("team", team::run_synthetic(team, seeds, &mut rows, &bar)),
         PartRun::Air(air) => ("team", air::run(air, seeds, &mut rows, &bar)),
+        PartRun::Cooperative(runs) => ("team", cooperative::run(runs, seeds, &mut rows, &bar)),
         PartRun::MultiRobot(runs) => ("team", team::run_rendered(runs, seeds, &mut rows, &bar)),
     };
     bar.finish_and_clear();

@@ -335,6 +335,13 @@ impl PoseFilter {
         }
     }
 
+    /// Adds errors of these standard deviations to the pose, metres and radians.
+    pub fn doubt_pose(&mut self, position_std: f32, heading_std: f32) {
+        if let PoseFilter::Joint(joint) = self {
+            joint.doubt_pose(position_std, heading_std);
+        }
+    }
+
     /// Multiplies the pose's covariance by `factor` after an unreported motion. Scales and biases keep theirs.
     pub fn inflate_covariance(&mut self, factor: f32) {
         either!(self, filter => filter.inflate_covariance(factor.max(1.0)));

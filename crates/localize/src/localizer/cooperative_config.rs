@@ -27,7 +27,7 @@ pub struct CooperativeConfig {
     pub clock_std: f32,
     /// Largest age of a sighting, seconds.
     pub delay_max: f32,
-    /// Largest squared Mahalanobis distance of a sighting. The default is 99 % of 2 degrees of freedom.
+    /// Largest squared Mahalanobis distance of a sighting. The default is 99.9 % of 2 degrees of freedom.
     pub gate: f32,
     /// Time for which most team-mates must contradict the pose until it counts as less certain, seconds.
     pub doubt_after: f32,
@@ -49,7 +49,7 @@ impl Default for CooperativeConfig {
             // Half of the difference of a delay there and back.
             clock_std: 0.01,
             delay_max: 0.3,
-            gate: 9.2,
+            gate: 13.8,
             doubt_after: 0.7,
             ambiguity_margin: 9.0,
         }

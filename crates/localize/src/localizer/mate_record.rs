@@ -1,9 +1,11 @@
-//! Do the team-mates contradict the pose? Most of those that saw something must, for some time.
+//! Do the team-mates contradict the pose, and which of them contradict the others?
 
 use crate::stamp::Stamp;
 
 /// Time without a sighting after which a mate has no say, seconds.
 const SILENCE_MAX: f64 = 0.5;
+/// Sightings that agree with those of others until a mate that contradicted them is believed again.
+const REHABILITATION: u32 = 10;
 /// Most mates.
 const MATES_MAX: usize = 12;
 
@@ -15,12 +17,21 @@ struct MateRecord {
     last_refused: Option<Stamp>,
     /// First refusal since it was last used.
     refused_since: Option<Stamp>,
+    /// Sightings that have to agree until it is believed again.
+    distrust: u32,
+    /// Number of its sightings that were used.
+    used: u32,
 }
 
 /// What became of all mates' sightings lately.
 #[derive(Debug, Clone, Default)]
 pub(super) struct MateRecords {
     mates: Vec<MateRecord>,
+}
+
+/// Has something happened within these seconds?
+fn is_within(time: Option<Stamp>, now: Stamp, seconds: f64) -> bool {
+    time.is_some_and(|time| time.seconds_until(now).abs() <= seconds)
 }
 
 impl MateRecords {
@@ -33,42 +44,63 @@ impl MateRecords {
                 last_used: None,
                 last_refused: None,
                 refused_since: None,
+                distrust: 0,
+                used: 0,
             });
         }
         self.mates.get_mut(index)
     }
 
-    /// A sighting corrected the pose.
-    pub(super) fn mark_used(&mut self, robot: u32, stamp: Stamp) {
-        if let Some(mate) = self.record(robot) {
-            mate.last_used = Some(stamp);
-            mate.refused_since = None;
+    /// A sighting agrees with the pose. False if the mate contradicted another one lately that is still believed.
+    pub(super) fn is_believed(&mut self, robot: u32, stamp: Stamp, doubt_after: f32) -> bool {
+        let doubt_after = f64::from(doubt_after);
+        let others_agree = self.mates.iter().any(|mate| {
+            mate.robot != robot
+                && mate.distrust == 0
+                && is_within(mate.last_used, stamp, doubt_after)
+        });
+        let Some(mate) = self.record(robot) else {
+            return true;
+        };
+        if mate.distrust > 0 && others_agree {
+            mate.distrust -= 1;
+            return false;
         }
+        mate.last_used = Some(stamp);
+        mate.refused_since = None;
+        mate.distrust = 0;
+        mate.used = mate.used.saturating_add(1);
+        true
     }
 
-    /// No robot was seen where it had to be. True if more mates than not have said so for `doubt_after` seconds: then the
-    /// count begins anew.
+    /// No robot was seen where it had to be. True if more mates than not have said so for `doubt_after` seconds: the pose is
+    /// doubted then, and the mates that determined it are.
     pub(super) fn mark_refused(&mut self, robot: u32, stamp: Stamp, doubt_after: f32) -> bool {
         if let Some(mate) = self.record(robot) {
             mate.last_refused = Some(stamp);
             mate.refused_since.get_or_insert(stamp);
+            mate.distrust = REHABILITATION;
         }
-        let is_within = |time: Option<Stamp>, seconds: f64| {
-            time.is_some_and(|time| time.seconds_until(stamp).abs() <= seconds)
-        };
         let doubt_after = f64::from(doubt_after);
-        let contradicts = |mate: &&MateRecord| {
-            is_within(mate.last_refused, SILENCE_MAX)
+        let contradicts = |mate: &MateRecord| {
+            is_within(mate.last_refused, stamp, SILENCE_MAX)
                 && mate
                     .refused_since
                     .is_some_and(|since| since.seconds_until(stamp) >= doubt_after)
         };
-        let supports = |mate: &&MateRecord| is_within(mate.last_used, doubt_after);
-        let contradicting = self.mates.iter().filter(contradicts).count();
+        let supports = |mate: &&MateRecord| {
+            mate.refused_since.is_none() && is_within(mate.last_used, stamp, doubt_after)
+        };
+        let contradicting = self.mates.iter().filter(|mate| contradicts(mate)).count();
         if contradicting <= self.mates.iter().filter(supports).count() {
             return false;
         }
+        // If they disagree among each other, those that agreed with the pose before are believed first.
+        let credit = self.mates.iter().filter(|mate| contradicts(mate));
+        let credit = credit.map(|mate| mate.used).max().unwrap_or(0);
         for mate in &mut self.mates {
+            let is_believed = contradicts(mate) && mate.used >= credit / 2;
+            mate.distrust = if is_believed { 0 } else { REHABILITATION };
             mate.refused_since = None;
         }
         true
@@ -86,24 +118,50 @@ mod tests {
     #[test]
     fn majority_of_the_mates_decides_after_a_while() {
         let mut records = MateRecords::default();
-        for k in 0..7 {
+        for k in 0..6 {
             let now = f64::from(k) * 0.1;
-            // The second one is a liar: while the first one agrees, it is not believed.
-            records.mark_used(1, at(now));
+            // While the first one agrees, the second one is not believed.
+            assert!(records.is_believed(1, at(now), 0.5));
             assert!(!records.mark_refused(2, at(now), 0.5), "{now}");
             // A third one outvotes the first.
-            assert_eq!(records.mark_refused(3, at(now), 0.5), now >= 0.5, "{now}");
-            if now >= 0.5 {
-                break;
-            }
+            assert_eq!(records.mark_refused(3, at(now), 0.5), k == 5, "{now}");
         }
+        // The pose is doubted: now the majority is believed, and the first one is not.
+        assert!(records.is_believed(2, at(0.6), 0.5));
+        assert!(!records.is_believed(1, at(0.6), 0.5));
+    }
+
+    #[test]
+    fn mate_that_contradicted_is_believed_again_after_it_agreed_ten_times() {
+        let mut records = MateRecords::default();
+        assert!(!records.mark_refused(2, at(0.0), 0.5));
+        for _ in 0..REHABILITATION {
+            assert!(records.is_believed(1, at(0.1), 0.5));
+            assert!(!records.is_believed(2, at(0.1), 0.5));
+        }
+        assert!(records.is_believed(2, at(0.2), 0.5));
+    }
+
+    #[test]
+    fn mate_that_agreed_before_is_believed_before_one_that_never_did() {
+        let mut records = MateRecords::default();
+        for k in 0..10 {
+            assert!(records.is_believed(1, at(f64::from(k) * 0.1), 0.5));
+        }
+        // Later both contradict the pose.
+        assert!(!records.mark_refused(1, at(3.0), 0.5));
+        assert!(!records.mark_refused(2, at(3.0), 0.5));
+        assert!(records.mark_refused(2, at(3.5), 0.5));
+        // The second one comes first, but nobody else agrees with the pose.
+        assert!(records.is_believed(1, at(3.6), 0.5));
+        assert!(!records.is_believed(2, at(3.6), 0.5));
     }
 
     #[test]
     fn mate_that_contradicted_long_ago_has_no_say() {
         let mut records = MateRecords::default();
         assert!(!records.mark_refused(2, at(0.0), 0.5));
-        records.mark_used(1, at(9.9));
+        assert!(records.is_believed(1, at(9.9), 0.5));
         assert!(!records.mark_refused(3, at(10.0), 0.5));
     }
 }

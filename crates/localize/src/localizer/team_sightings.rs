@@ -72,6 +72,8 @@ pub enum SightingOutcome {
     NotSeen,
     /// The same, for so long and by so many mates that the pose now counts as less certain.
     PoseDoubted,
+    /// The mate contradicted another one lately.
+    Distrusted,
     /// It may have been another robot.
     Ambiguous,
     /// It is too old, or of the future.
@@ -82,10 +84,13 @@ pub enum SightingOutcome {
 
 /// Standard deviation of a sighting's error that does not last, metres.
 const NOISE_STD: f32 = 0.02;
-/// Distance of a robot that may be this one although the pose excludes it, over `own_std_max`.
-const REACH_SHARE: f32 = 3.0;
+/// Largest squared Mahalanobis distance of a robot that may be this one although the pose excludes it. Dead reckoning
+/// errs by this much if its noise is stated too small; a larger distance is that of another robot.
+const DOUBT_GATE: f32 = 36.0;
 /// Largest standard deviation of a doubted pose, over `own_std_max`.
 const DOUBT_SHARE: f32 = 0.8;
+/// Way over which an error of the heading becomes one of the position, metres.
+const TYPICAL_RANGE: f32 = 3.0;
 
 impl Localizer {
     /// Corrects the pose at the last image by sightings of team-mates, and returns what became of each.
@@ -145,18 +150,19 @@ fn apply(
 ) -> SightingOutcome {
     let (robot, stamp) = (sighting.robot, sighting.stamp);
     match associate(&mut track.filter, motion, sighting, config) {
+        Ok(_) if !track.mates.is_believed(robot, stamp, config.doubt_after) => {
+            SightingOutcome::Distrusted
+        }
         Ok(measurement) => {
             track.filter.update_by_mate(&measurement, filter_config);
-            track.mates.mark_used(robot, stamp);
             SightingOutcome::Used
         }
         Err(Refusal::Elsewhere(distance))
             if track.mates.mark_refused(robot, stamp, config.doubt_after) =>
         {
-            // As after an unreported motion (docs/methods.md 8.9): the distance is one standard deviation.
-            let std = track.filter.position_std();
+            // The distance is one standard deviation.
             let doubt = distance.min(DOUBT_SHARE * config.own_std_max);
-            track.filter.inflate_covariance((doubt / std).powi(2));
+            track.filter.doubt_pose(doubt, doubt / TYPICAL_RANGE);
             SightingOutcome::PoseDoubted
         }
         Err(Refusal::Elsewhere(_)) => SightingOutcome::NotSeen,
@@ -194,8 +200,17 @@ fn associate(
         .enumerate()
         .min_by(|a, b| a.1.mahalanobis_squared.total_cmp(&b.1.mahalanobis_squared));
     let (index, best) = best.ok_or(Refusal::Other(SightingOutcome::NotSeen))?;
+    // A robot too far away is another one, and of two near ones nobody knows which.
+    let near = all
+        .iter()
+        .filter(|explanation| explanation.mahalanobis_squared <= DOUBT_GATE);
+    let is_single = near.count() == 1;
+    let elsewhere = || match is_single {
+        true => Refusal::Elsewhere(best.residual.norm()),
+        false => Refusal::Other(SightingOutcome::NotSeen),
+    };
     if !(best.mahalanobis_squared <= config.gate) {
-        return Err(best.elsewhere(config));
+        return Err(elsewhere());
     }
     let limit = best.mahalanobis_squared + config.ambiguity_margin;
     let other_pair = all
@@ -218,7 +233,7 @@ fn associate(
     if squared <= config.gate {
         Ok(measurement)
     } else {
-        Err(best.elsewhere(config))
+        Err(elsewhere())
     }
 }
 
@@ -247,16 +262,6 @@ impl Explanation {
             residual,
             by_heading,
             mahalanobis_squared: mahalanobis_squared(&residual, &covariance),
-        }
-    }
-
-    /// One that is too far away says nothing.
-    fn elsewhere(&self, config: &CooperativeConfig) -> Refusal {
-        let distance = self.residual.norm();
-        if distance <= REACH_SHARE * config.own_std_max {
-            Refusal::Elsewhere(distance)
-        } else {
-            Refusal::Other(SightingOutcome::NotSeen)
         }
     }
 

@@ -256,6 +256,16 @@ impl JointFilter {
         self.wheel_noise = self.wheel_noise.without_derivatives();
     }
 
+    /// Adds errors to the pose: mates contradict it.
+    pub(in crate::filter) fn doubt_pose(&mut self, position_std: f32, heading_std: f32) {
+        for (axis, std) in [position_std, position_std, heading_std]
+            .into_iter()
+            .enumerate()
+        {
+            self.inflate_variance(POSE + axis, std * std);
+        }
+    }
+
     /// P Hᵀ of the states and of the errors.
     fn mate_cross(&self, row: &MateRow) -> ([f32; ROW_STRIDE], [f32; ERRORS]) {
         let mut states = [0.0; ROW_STRIDE];
@@ -308,5 +318,200 @@ impl MateRow {
             .map(|(factor, error)| factor * error)
             .sum();
         states[POSE + self.axis] + self.by_heading * states[POSE + 2] + of_errors
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector, Matrix3};
+
+    use super::*;
+    use crate::filter::{OdometryPrior, PoseFilter, PredictionInput};
+    use crate::frames::Pose;
+
+    const PRIOR_STD: f32 = 0.5;
+
+    fn filter() -> JointFilter {
+        let variances = [PRIOR_STD * PRIOR_STD, PRIOR_STD * PRIOR_STD, 0.01];
+        JointFilter::new(
+            Pose::new(1.0, -2.0, 0.7),
+            &Matrix3::from_diagonal(&variances.into()),
+            None,
+            &FilterConfig::default(),
+            &OdometryPrior::default(),
+        )
+    }
+
+    /// A sighting by a mate with these standard deviations of its pose and of its sighting, metres.
+    fn sighting(robot: u32, residual: [f32; 2], pose_std: f32, std: f32) -> MateMeasurement {
+        let mut by_errors = [[0.0; ERRORS_PER_MATE]; 2];
+        (by_errors[0][0], by_errors[1][1]) = (pose_std, pose_std);
+        (by_errors[0][2], by_errors[1][3]) = (std, std);
+        MateMeasurement {
+            robot,
+            residual,
+            by_heading: [0.0; 2],
+            by_errors,
+            variance: 4e-4,
+        }
+    }
+
+    /// Accepts a sighting without time in between.
+    fn update(filter: &mut JointFilter, measurement: &MateMeasurement) {
+        filter.mate_innovation(measurement, 5.0).expect("a place");
+        filter.update_by_mate(measurement, &FilterConfig::default());
+    }
+
+    #[test]
+    fn sightings_by_one_mate_count_once() {
+        let mut filter = filter();
+        let measurement = sighting(2, [0.0; 2], 0.03, 0.06);
+        for _ in 0..1000 {
+            update(&mut filter, &measurement);
+        }
+        // Prior and mate alone, whose variance is (3² + 6²) cm².
+        let mate = 0.0045_f32;
+        let once = 1.0 / (1.0 / mate + 1.0 / (PRIOR_STD * PRIOR_STD));
+        let variance = filter.covariance()[(0, 0)];
+        assert!(
+            variance > 0.97 * once && variance < 1.03 * once,
+            "{variance} {once}"
+        );
+    }
+
+    #[test]
+    fn second_mate_halves_the_variance_and_a_fifth_one_is_refused() {
+        let mut filter = filter();
+        for robot in 2..4 {
+            for _ in 0..1000 {
+                update(&mut filter, &sighting(robot, [0.0; 2], 0.03, 0.06));
+            }
+        }
+        // A Schmidt-Kalman filter weighs mates by the order of their sightings, so that it keeps a little more.
+        let variance = filter.covariance()[(0, 0)];
+        assert!((0.0020..0.0035).contains(&variance), "{variance}");
+        for robot in 4..6 {
+            update(&mut filter, &sighting(robot, [0.0; 2], 0.03, 0.06));
+        }
+        let fifth = sighting(6, [0.0; 2], 0.03, 0.06);
+        assert_eq!(filter.mate_innovation(&fifth, 5.0), None);
+    }
+
+    #[test]
+    fn errors_are_independent_again_after_their_time() {
+        let measurement = sighting(2, [0.0; 2], 0.03, 0.06);
+        let variance_after = |seconds: f32| {
+            let mut filter = filter();
+            for _ in 0..100 {
+                update(&mut filter, &measurement);
+            }
+            filter.age_mate_errors(seconds);
+            for _ in 0..100 {
+                update(&mut filter, &measurement);
+            }
+            filter.covariance()[(0, 0)]
+        };
+        let [at_once, later] = [0.0, 20.0].map(variance_after);
+        assert!(later < 0.7 * at_once, "{later} {at_once}");
+    }
+
+    /// The Schmidt-Kalman filter written down for (x, y, θ) and the errors of a mate, without any of the kernels.
+    struct Dense {
+        covariance: DMatrix<f64>,
+    }
+
+    impl Dense {
+        const SIZE: usize = 3 + ERRORS_PER_MATE;
+
+        fn update(&mut self, jacobian: &DVector<f64>, variance: f64) {
+            let cross = &self.covariance * jacobian;
+            let innovation_variance = jacobian.dot(&cross) + variance;
+            let mut gain = &cross / innovation_variance;
+            // The errors are considered, not estimated.
+            for k in 3..Self::SIZE {
+                gain[k] = 0.0;
+            }
+            // Joseph form: valid for any gain.
+            let keep = DMatrix::identity(Self::SIZE, Self::SIZE) - &gain * jacobian.transpose();
+            self.covariance =
+                &keep * &self.covariance * keep.transpose() + &gain * gain.transpose() * variance;
+        }
+    }
+
+    #[test]
+    fn sightings_and_images_give_the_covariance_of_a_dense_filter() {
+        let config = FilterConfig::default();
+        let mut filter = PoseFilter::Joint(filter());
+        let mut dense = Dense {
+            covariance: DMatrix::identity(Dense::SIZE, Dense::SIZE),
+        };
+        for (k, variance) in [0.25, 0.25, 0.01].into_iter().enumerate() {
+            dense.covariance[(k, k)] = variance;
+        }
+        let image = [0.09_f64, 1.0, 0.02];
+        for step in 0..6 {
+            let lever = [0.4_f32 * step as f32, 1.0 - 0.3 * step as f32];
+            let measurement = MateMeasurement {
+                by_heading: lever,
+                ..sighting(2, [0.02, -0.01], 0.04, 0.08)
+            };
+            filter.mate_innovation(&measurement, 5.0).expect("a place");
+            filter.update_by_mate(&measurement, &config);
+            for axis in 0..2 {
+                let mut jacobian = DVector::zeros(Dense::SIZE);
+                (jacobian[axis], jacobian[2]) = (1.0, f64::from(lever[axis]));
+                for k in 0..ERRORS_PER_MATE {
+                    jacobian[3 + k] = f64::from(measurement.by_errors[axis][k]);
+                }
+                dense.update(&jacobian, f64::from(measurement.variance));
+            }
+            if step % 2 == 1 {
+                let covariance = Matrix3::from_diagonal(&image.map(|value| value as f32).into());
+                filter.update_pose(filter.pose(), &covariance, &config);
+                for (axis, variance) in image.into_iter().enumerate() {
+                    let mut jacobian = DVector::zeros(Dense::SIZE);
+                    jacobian[axis] = 1.0;
+                    dense.update(&jacobian, variance);
+                }
+            }
+            let stated = filter.covariance();
+            for i in 0..3 {
+                for j in 0..3 {
+                    let expected = dense.covariance[(i, j)];
+                    let error = f64::from(stated[(i, j)]) - expected;
+                    let scale = (dense.covariance[(i, i)] * dense.covariance[(j, j)]).sqrt();
+                    assert!(
+                        error.abs() < 0.01 * scale,
+                        "{step}: {stated} {}",
+                        dense.covariance
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn half_turned_pose_knows_no_mates_and_a_drive_keeps_the_covariance_positive() {
+        let config = FilterConfig::default();
+        let mut filter = filter();
+        let input = PredictionInput {
+            dt: 0.03,
+            imu: None,
+            command: None,
+            shock: false,
+        };
+        for k in 0..300 {
+            filter.predict(&input, &config);
+            let robot = 2 + k % 3;
+            let lever = [2.0 * (k as f32 * 0.1).sin(), 2.0 * (k as f32 * 0.1).cos()];
+            let measurement = MateMeasurement {
+                by_heading: lever,
+                ..sighting(robot, [0.0; 2], 0.03, 0.05)
+            };
+            update(&mut filter, &measurement);
+            let cholesky = filter.covariance().cholesky();
+            assert!(cholesky.is_some(), "{k}: {}", filter.covariance());
+        }
+        assert!(filter.mate_errors.is_some() && filter.half_turned().mate_errors.is_none());
     }
 }
