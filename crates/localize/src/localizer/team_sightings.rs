@@ -87,8 +87,9 @@ const NOISE_STD: f32 = 0.02;
 /// Largest squared Mahalanobis distance of a robot that may be this one although the pose excludes it. Dead reckoning
 /// errs by this much if its noise is stated too small; a larger distance is that of another robot.
 const DOUBT_GATE: f32 = 36.0;
-/// Largest standard deviation of a doubted pose, over `own_std_max`.
-const DOUBT_SHARE: f32 = 0.8;
+/// Largest error that is assumed of a doubted pose, and standard deviation beyond which it is doubtful already, over
+/// `own_std_max`.
+const DOUBT_SHARE: f32 = 0.7;
 /// Way over which an error of the heading becomes one of the position, metres.
 const TYPICAL_RANGE: f32 = 3.0;
 
@@ -158,7 +159,8 @@ fn apply(
             SightingOutcome::Used
         }
         Err(Refusal::Elsewhere(distance))
-            if track.mates.mark_refused(robot, stamp, config.doubt_after) =>
+            if track.mates.mark_refused(robot, stamp, config.doubt_after)
+                && track.filter.position_std() < DOUBT_SHARE * config.own_std_max =>
         {
             // The distance is one standard deviation.
             let doubt = distance.min(DOUBT_SHARE * config.own_std_max);
@@ -301,4 +303,182 @@ fn mahalanobis_squared(residual: &Vector2<f32>, covariance: &Matrix2<f32>) -> f3
     covariance.try_inverse().map_or(f32::INFINITY, |inverse| {
         residual.dot(&(inverse * residual)).abs()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix3;
+
+    use super::*;
+    use crate::config::LocalizeConfig;
+    use crate::estimate::Estimate;
+    use crate::field::Field;
+    use crate::frames::Pose;
+    use crate::sample::Odometry;
+
+    const IMAGE: Stamp = Stamp(33_000_000);
+
+    fn odometry(milliseconds: i64) -> Odometry {
+        Odometry {
+            stamp: Stamp(milliseconds * 1_000_000),
+            dx: 0.02,
+            dy: 0.0,
+            dtheta: 0.0,
+            slip: 0.0,
+        }
+    }
+
+    /// A robot near (1, 2) that has seen nothing in its last image.
+    fn localizer(std: f32) -> Localizer {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../config/fields/msl_18x12.toml");
+        let field = Field::load(&path).expect("the field");
+        let mut localizer = Localizer::new(&field, LocalizeConfig::default());
+        let covariance = Matrix3::from_diagonal(&[std * std, std * std, 0.001].into());
+        localizer.set_pose(Stamp(0), Pose::new(1.0, 2.0, 0.0), &covariance);
+        localizer.add_odometry(&odometry(20));
+        localizer.process_points(IMAGE, &[]);
+        localizer
+    }
+
+    /// A mate saw a robot here.
+    fn seen_at(x: f32, y: f32) -> TeamSighting {
+        TeamSighting {
+            robot: 2,
+            direction: SightingDirection::ByMate,
+            stamp: IMAGE,
+            mate_variance: [0.001; 2],
+            pairs: vec![pair(x, y)],
+            rivals: Vec::new(),
+        }
+    }
+
+    fn pair(x: f32, y: f32) -> SightingPair {
+        SightingPair {
+            from_robot: At::new(0.0, 0.0),
+            on_field: At::new(x, y),
+            covariance: [0.005, 0.0, 0.005],
+        }
+    }
+
+    /// One outcome, and the estimate of the next image.
+    fn judge(localizer: &mut Localizer, sighting: TeamSighting) -> (SightingOutcome, Estimate) {
+        let config = CooperativeConfig::default();
+        let outcomes = localizer.apply_team_sightings(&[sighting], &config);
+        localizer.add_odometry(&odometry(60));
+        (
+            outcomes[0],
+            localizer.process_points(Stamp(66_000_000), &[]),
+        )
+    }
+
+    #[test]
+    fn sighting_moves_an_uncertain_pose_and_shrinks_its_covariance() {
+        let mut before = localizer(0.2);
+        let mut corrected = before.clone();
+        let (_, alone) = judge(&mut before, seen_at(9.0, 9.0));
+        let (outcome, estimate) = judge(&mut corrected, seen_at(1.3, 2.2));
+        assert_eq!(outcome, SightingOutcome::Used);
+        let moved = estimate
+            .pose
+            .expect("a pose")
+            .difference(alone.pose.expect("a pose"));
+        assert!(
+            (0.15..0.3).contains(&moved.x) && (0.1..0.2).contains(&moved.y),
+            "{moved}"
+        );
+        assert!(estimate.covariance[(0, 0)] < 0.3 * alone.covariance[(0, 0)]);
+    }
+
+    #[test]
+    fn sighted_mate_corrects_the_heading_too() {
+        let mut alone = localizer(0.05);
+        let mut corrected = alone.clone();
+        let sighting = TeamSighting {
+            direction: SightingDirection::OfMate,
+            pairs: vec![SightingPair {
+                from_robot: At::new(5.0, 0.0),
+                ..pair(6.0, 2.3)
+            }],
+            ..seen_at(0.0, 0.0)
+        };
+        let (outcome, estimate) = judge(&mut corrected, sighting);
+        assert_eq!(outcome, SightingOutcome::Used);
+        let (_, alone) = judge(&mut alone, seen_at(9.0, 9.0));
+        assert!(estimate.pose.expect("a pose").theta > alone.pose.expect("a pose").theta + 0.01);
+        assert!(estimate.covariance[(2, 2)] < alone.covariance[(2, 2)]);
+    }
+
+    #[test]
+    fn sighting_that_another_robot_may_explain_is_refused() {
+        let localizer = localizer(0.2);
+        // The mate saw a second robot nearby.
+        let mut sighting = seen_at(1.2, 2.0);
+        sighting.pairs.push(pair(1.5, 2.1));
+        let (outcome, _) = judge(&mut localizer.clone(), sighting);
+        assert_eq!(outcome, SightingOutcome::Ambiguous);
+        // This robot sees another one beside itself.
+        let mut sighting = seen_at(1.2, 2.0);
+        sighting.rivals.push(SightingRival {
+            pair: 0,
+            explanation: SightingPair {
+                from_robot: At::new(0.5, 0.0),
+                ..pair(1.2, 2.0)
+            },
+        });
+        let (outcome, _) = judge(&mut localizer.clone(), sighting);
+        assert_eq!(outcome, SightingOutcome::Ambiguous);
+        let (outcome, _) = judge(&mut localizer.clone(), seen_at(-1.0, -2.0));
+        assert_eq!(outcome, SightingOutcome::NotSeen);
+        let late = TeamSighting {
+            stamp: Stamp(-900_000_000),
+            ..seen_at(1.2, 2.0)
+        };
+        assert_eq!(judge(&mut localizer.clone(), late).0, SightingOutcome::Late);
+    }
+
+    #[test]
+    fn samples_after_the_image_are_applied_again() {
+        let config = CooperativeConfig::default();
+        let mut early = localizer(0.2);
+        let mut late = early.clone();
+        early.apply_team_sightings(&[seen_at(1.3, 2.2)], &config);
+        early.add_odometry(&odometry(50));
+        late.add_odometry(&odometry(50));
+        late.apply_team_sightings(&[seen_at(1.3, 2.2)], &config);
+        let next = Stamp(66_000_000);
+        assert_eq!(
+            early.process_points(next, &[]),
+            late.process_points(next, &[])
+        );
+    }
+
+    #[test]
+    fn late_image_keeps_the_correction() {
+        // The image at 45 ms arrives after the wheels of 60 ms.
+        let config = CooperativeConfig::default();
+        let mut localizer = localizer(0.2);
+        let mut ordered = localizer.clone();
+        localizer.add_odometry(&odometry(40));
+        ordered.add_odometry(&odometry(40));
+        localizer.add_odometry(&odometry(60));
+        for one in [&mut localizer, &mut ordered] {
+            one.apply_team_sightings(&[seen_at(1.3, 2.2)], &config);
+        }
+        let image = Stamp(45_000_000);
+        let [rewound, ordered] = [&mut localizer, &mut ordered]
+            .map(|one| one.process_points(image, &[]).pose.expect("a pose"));
+        assert!(
+            rewound.difference(ordered).norm() < 1e-3,
+            "{rewound:?} {ordered:?}"
+        );
+    }
+
+    #[test]
+    fn pose_of_unknown_half_is_not_corrected() {
+        let mut localizer = localizer(0.2);
+        localizer.add_half_log_odds(-9.0);
+        let (outcome, _) = judge(&mut localizer, seen_at(1.3, 2.2));
+        assert_eq!(outcome, SightingOutcome::NoPose);
+    }
 }

@@ -1,7 +1,6 @@
-//! Two mates keep a blind robot within 10 cm, and nobody makes it surer than it is.
+//! Two mates keep a blind robot within 10 cm with an honest covariance, and blind mates make nobody surer.
 
 use super::*;
-use crate::localizer::CooperativeConfig;
 
 fn field() -> Field {
     let path =
@@ -9,61 +8,93 @@ fn field() -> Field {
     Field::load(&path).expect("the field")
 }
 
-/// Root mean square error (metres), mean NEES and drives without a pose.
-fn run(seeds: u64, trial: &CooperativeExperiment) -> (f64, f64, usize) {
+fn run(seeds: u64, trial: &CooperativeExperiment) -> Vec<CooperativeScore> {
     let field = field();
     let localizer = cooperative_localizer(&field);
-    let (mut squared, mut nees, mut count) = (0.0, 0.0, 0);
-    for seed in 0..seeds {
-        let score = evaluate_cooperative(&field, &localizer, seed, trial);
-        if std::env::var("V").is_ok() {
-            println!("{seed} {score:?}");
-        }
-        if let (Some(error), Some(normalized)) = (score.position_error, score.nees) {
-            squared += error * error;
-            nees += normalized;
-            count += 1;
-        }
-    }
-    let scored = count as f64;
-    (
-        (squared / scored).sqrt(),
-        nees / scored,
-        seeds as usize - count,
-    )
+    (0..seeds)
+        .map(|seed| evaluate_cooperative(&field, &localizer, seed, trial))
+        .collect()
+}
+
+/// Root of the mean square error, metres, and mean NEES, of drives that all kept their pose.
+fn error_and_nees(scores: &[CooperativeScore]) -> (f64, f64) {
+    let count = scores.len() as f64;
+    let squared = |score: &CooperativeScore| score.position_error.expect("a pose").powi(2);
+    let error = (scores.iter().map(squared).sum::<f64>() / count).sqrt();
+    let nees = scores.iter().map(|score| score.nees.expect("a pose"));
+    (error, nees.sum::<f64>() / count)
+}
+
+fn alone() -> CooperativeExperiment {
+    let mut trial = CooperativeExperiment::default();
+    trial.config.enabled = false;
+    trial
 }
 
 #[test]
-fn explore() {
-    let var = |name: &str, default: f32| {
-        std::env::var(name).map_or(default, |v| v.parse().expect("number"))
-    };
-    let d = CooperativeConfig::default();
-    let config = CooperativeConfig {
-        enabled: var("ON", 1.0) > 0.0,
-        own_std_min: var("MIN", d.own_std_min),
-        own_std_max: var("MAX", d.own_std_max),
-        error_time: var("TIME", d.error_time),
-        position_std_min: var("FLOOR", d.position_std_min),
-        gate: var("GATE", d.gate),
-        clock_std: var("CLOCK", d.clock_std),
-        ambiguity_margin: var("MARGIN", d.ambiguity_margin),
-        doubt_after: var("DOUBT", d.doubt_after),
-        ..d
-    };
-    let t = CooperativeExperiment::default();
+fn two_mates_keep_a_blind_robot_within_10_cm_and_honest() {
+    let (error, nees) = error_and_nees(&run(20, &CooperativeExperiment::default()));
+    assert!(error < 0.075, "{error} m");
+    // 2 is honest. Half of the mates' errors never changes, whatever the filter assumes.
+    assert!((0.8..3.5).contains(&nees), "{nees}");
+    let lost_or_wrong = run(20, &alone())
+        .iter()
+        .filter(|score| score.position_error.is_none_or(|error| error > 0.1))
+        .count();
+    assert!(lost_or_wrong >= 15, "{lost_or_wrong} of 20 without mates");
+}
+
+#[test]
+fn honesty_does_not_depend_on_how_long_errors_last() {
+    for error_time in [0.3, 10.0] {
+        let trial = CooperativeExperiment {
+            error_time,
+            ..CooperativeExperiment::default()
+        };
+        let (error, nees) = error_and_nees(&run(20, &trial));
+        assert!(
+            error < 0.08 && nees < 3.5,
+            "{error_time} s: {error} m, {nees}"
+        );
+    }
+}
+
+#[test]
+fn blind_mates_make_nobody_surer() {
     let trial = CooperativeExperiment {
-        mates: var("MATES", 2.0) as usize,
-        opponents: var("OPP", 0.0) as usize,
-        liars: var("LIARS", 0.0) as usize,
-        lie: var("LIE", 0.5),
-        sees_robots: var("SEES", 1.0) > 0.0,
-        mates_blind: var("BLIND", 0.0) > 0.0,
-        speed_max: f64::from(var("SPEED", 3.0)),
-        error_time: var("ETIME", 2.0),
-        config,
-        ..t
+        mates_blind: true,
+        ..CooperativeExperiment::default()
     };
-    let (rms, nees, lost) = run(var("SEEDS", 40.0) as u64, &trial);
-    println!("RESULT rms {rms:.4} nees {nees:.2} lost {lost}");
+    let among_blind = run(6, &trial);
+    assert_eq!(among_blind, run(6, &alone()));
+    assert!(among_blind.iter().all(|score| score.used == 0));
+}
+
+#[test]
+fn opponents_nearby_are_not_taken_for_the_robot_while_it_sees_them() {
+    let trial = CooperativeExperiment {
+        opponents: 4,
+        ..CooperativeExperiment::default()
+    };
+    let scores = run(20, &trial);
+    assert!(scores.iter().map(|score| score.ambiguous).sum::<usize>() > 20);
+    let errors = scores
+        .iter()
+        .map(|score| score.position_error.unwrap_or(1.0));
+    let far = errors.filter(|error| *error > 0.15).count();
+    assert!(far <= 2, "{far} of 20");
+}
+
+#[test]
+fn one_mate_of_three_that_is_elsewhere_does_not_move_the_robot() {
+    for lie in [0.5, 2.0] {
+        let trial = CooperativeExperiment {
+            mates: 3,
+            liars: 1,
+            lie,
+            ..CooperativeExperiment::default()
+        };
+        let (error, _) = error_and_nees(&run(20, &trial));
+        assert!(error < 0.1, "{lie} m off: {error} m");
+    }
 }
