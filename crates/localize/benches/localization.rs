@@ -3,7 +3,9 @@
 use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
-use localize::filter::{FilterConfig, ImuInterval, PoseFilter, PredictionInput, WheelIncrement};
+use localize::filter::{
+    FilterConfig, ImuInterval, OdometryPrior, PoseFilter, PredictionInput, WheelIncrement,
+};
 use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior};
 use localize::global_search::hough::{Hough, HoughConfig};
 use localize::global_search::monte_carlo::{MonteCarlo, MonteCarloConfig};
@@ -145,7 +147,8 @@ fn global_localization(criterion: &mut Criterion) {
 fn bench_filter(criterion: &mut Criterion) {
     let config = FilterConfig::default();
     let covariance = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-5));
-    let mut filter = PoseFilter::new(Pose::new(1.0, 2.0, 0.5), &covariance, None, &config);
+    let pose = Pose::new(1.0, 2.0, 0.5);
+    let mut filter = PoseFilter::new(pose, &covariance, None, &config, &OdometryPrior::default());
     let span = PredictionInput {
         dt: 0.01,
         imu: Some(ImuInterval {

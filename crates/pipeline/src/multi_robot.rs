@@ -483,7 +483,7 @@ mod tests {
         // Two mates near the first robot, whose mirror is covered after a second.
         for (mate, at) in scenario.squad.iter_mut().zip([[-2.6, 0.8], [-3.0, -1.6]]) {
             (mate.start.x, mate.start.y) = (at[0], at[1]);
-            mate.path = None;
+            mate.path.waypoints.clear();
         }
         scenario.occlusions.push(sim::scenario::Occlusion {
             start: 1.0,
@@ -492,26 +492,28 @@ mod tests {
             width_deg: 360.0,
         });
         let mut config = PipelineConfig::default();
-        config.team.cooperative.own_std_min = 0.01;
+        config.team.cooperative.own_std_min = 0.02;
         let log_config = LogConfig::default();
         let record = Some((log.as_path(), &log_config));
         MultiRobotSimulation::new((&path, &scenario), &config, 3.0, record)
             .expect("a simulation")
             .run(|_| Ok(ControlFlow::Continue(())))
             .expect("completed");
-        let cycles: Vec<_> = LogReader::open(&log)
+        let cycles: Vec<Cycle> = LogReader::open(&log)
             .expect("a log")
             .map(|logged| logged.expect("a cycle").cycle)
             .collect();
-        let used = |cycle: &&Cycle| {
+        let used = |cycle: &Cycle| {
             let mut sightings = cycle.team.sightings.iter();
             sightings.any(|sighting| sighting.outcome == SightingOutcome::Used)
         };
-        let first = cycles.iter().find(used).expect("a correction");
-        assert!(first.stamp.seconds() > 1.0 && first.estimate.line_points == 0);
+        let is_covered = |cycle: &&Cycle| cycle.stamp.seconds() > 1.2;
+        let covered = || cycles.iter().filter(is_covered);
+        assert!(covered().all(|cycle| cycle.estimate.line_points == 0));
+        assert!(covered().any(used));
         // Whom mates correct corrects nobody.
         let last = cycles.last().expect("a cycle");
-        assert!(cycles[0].stamp < last.stamp && !last.team.pose_by_markings);
+        assert!(!last.team.pose_by_markings);
         assert!(cycles.iter().any(|cycle| cycle.team.pose_by_markings));
         let log = LogReader::open(&log).expect("a log");
         let unpacked = UnpackedSetup::load(log.header()).expect("a setup");
