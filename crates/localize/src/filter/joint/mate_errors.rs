@@ -248,6 +248,14 @@ impl JointFilter {
                 mates.reduce(&states, &errors, variance);
             }
         }
+        // No image does it while the robot sees none, and what rounding adds to one side grows.
+        for i in 0..STATES {
+            for j in 0..i {
+                let mean = 0.5 * (self.covariance[i][j] + self.covariance[j][i]);
+                self.covariance[i][j] = mean;
+                self.covariance[j][i] = mean;
+            }
+        }
         self.clamp_scales();
         if config.camera_latency_std == 0.0 {
             self.state[LATENCY] = config.camera_latency;
