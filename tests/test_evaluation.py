@@ -199,9 +199,19 @@ def test_shipped_experiments_name_existing_files_and_metrics(result: dict[str, A
     names = {one["name"] for part in result["parts"] for one in part["figures"]}
     methods = {one["method"] for part in result["parts"] for one in part["figures"]} | {"lima2001", "nubot2013"}
     folder = ROOT / "config/experiments"
-    assert {"air", "all", "certainty", "eyes", "fusion", "lima2001", "mapping", "minho2016", "nubot2013", "team"} <= {
-        path.stem for path in folder.glob("*.toml")
-    }
+    assert {
+        "air",
+        "all",
+        "certainty",
+        "cooperative",
+        "eyes",
+        "fusion",
+        "lima2001",
+        "mapping",
+        "minho2016",
+        "nubot2013",
+        "team",
+    } <= {path.stem for path in folder.glob("*.toml")}
     for path in folder.glob("*.toml"):
         for part in tomllib.loads(path.read_text())["parts"]:
             (run,) = part["run"].values()

@@ -402,6 +402,8 @@ pub fn print(summaries: &[RobotSummary]) {
 
 #[cfg(test)]
 mod tests {
+    use localize::localizer::SightingOutcome;
+
     use super::*;
     use crate::log::{LogReader, UnpackedSetup, verify};
     use crate::simulation::load_scenario_with_overrides;
@@ -471,5 +473,53 @@ mod tests {
         let verdict = verify(log, |sample| pipeline.process_sample(sample)).expect("verified");
         assert_eq!((verdict.different, verdict.first_difference), (0, None));
         assert!(verdict.cycles >= 29 && verdict.vision_cycles == verdict.cycles);
+    }
+
+    #[test]
+    fn covered_robot_is_corrected_by_mates_and_replays_bit_for_bit() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let log = folder.path().join("game.mcap");
+        let (path, mut scenario) = scenario();
+        // Two mates near the first robot, whose mirror is covered after a second.
+        for (mate, at) in scenario.squad.iter_mut().zip([[-2.6, 0.8], [-3.0, -1.6]]) {
+            (mate.start.x, mate.start.y) = (at[0], at[1]);
+            mate.path.waypoints.clear();
+        }
+        scenario.occlusions.push(sim::scenario::Occlusion {
+            start: 1.0,
+            stop: 9.0,
+            direction_deg: 0.0,
+            width_deg: 360.0,
+        });
+        let mut config = PipelineConfig::default();
+        config.team.cooperative.own_std_min = 0.02;
+        let log_config = LogConfig::default();
+        let record = Some((log.as_path(), &log_config));
+        MultiRobotSimulation::new((&path, &scenario), &config, 3.0, record)
+            .expect("a simulation")
+            .run(|_| Ok(ControlFlow::Continue(())))
+            .expect("completed");
+        let cycles: Vec<Cycle> = LogReader::open(&log)
+            .expect("a log")
+            .map(|logged| logged.expect("a cycle").cycle)
+            .collect();
+        let used = |cycle: &Cycle| {
+            let mut sightings = cycle.team.sightings.iter();
+            sightings.any(|sighting| sighting.outcome == SightingOutcome::Used)
+        };
+        let is_covered = |cycle: &&Cycle| cycle.stamp.seconds() > 1.2;
+        let covered = || cycles.iter().filter(is_covered);
+        assert!(covered().all(|cycle| cycle.estimate.line_points == 0));
+        assert!(covered().any(used));
+        // Whom mates correct corrects nobody.
+        let last = cycles.last().expect("a cycle");
+        assert!(!last.team.pose_by_markings);
+        assert!(cycles.iter().any(|cycle| cycle.team.pose_by_markings));
+        let log = LogReader::open(&log).expect("a log");
+        let unpacked = UnpackedSetup::load(log.header()).expect("a setup");
+        let config = unpacked.config().expect("settings");
+        let mut pipeline = Pipeline::new(&unpacked.setup, &config).expect("a pipeline");
+        let verdict = verify(log, |sample| pipeline.process_sample(sample)).expect("verified");
+        assert_eq!((verdict.different, verdict.first_difference), (0, None));
     }
 }

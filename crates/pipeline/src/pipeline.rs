@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::field::GoalColour;
-use localize::localizer::Localizer;
+use localize::localizer::{CooperativeConfig, Localizer};
 use localize::map_correction::MapCorrection;
 use localize::robot::{ExposureSetting, ImuCalibration, OdometryCalibration};
 use localize::sample::{GoalObservation, LinePoint};
@@ -59,6 +59,7 @@ pub struct Pipeline {
     localizer: Localizer,
     world: WorldModel,
     team: TeamModel,
+    cooperative: CooperativeConfig,
     inputs: Inputs,
     last_image: Option<Stamp>,
     last_pose: Option<StampedPose>,
@@ -106,6 +107,7 @@ impl Pipeline {
         {
             localize.filter.camera_latency = timing.camera_latency;
         }
+        let cooperative = team.cooperative.clone();
         let team = TeamModel::new(team).with_flight(&world.flight);
         let interlace = Interlace::new(vision.scan.interlaced_points_min);
         let world = WorldModel::new(world, localize.matching.viewpoint_height);
@@ -141,6 +143,7 @@ impl Pipeline {
             localizer,
             world,
             team,
+            cooperative,
             inputs: Inputs::default(),
             last_image: None,
             last_pose: None,
@@ -314,9 +317,14 @@ impl Pipeline {
             .as_ref()
             .map(|detections| object_observations(detections, self.localizer.map_correction()));
         let world = self.world.update(stamp, observations.as_ref(), &estimate);
-        let team = self.team.update(stamp, &world, &estimate);
+        let mut team = self.team.update(stamp, &world, &estimate);
         // For the next image: this image's estimate is final already.
         self.localizer.add_half_log_odds(team.half_log_odds);
+        let sightings = self.team.take_sightings(&estimate);
+        let outcomes = self
+            .localizer
+            .apply_team_sightings(&sightings, &self.cooperative);
+        team.sightings = self.team.judge_sightings(&sightings, &outcomes);
         self.last_pose = estimate
             .pose
             .map(|pose| StampedPose::new(stamp, pose, &estimate.covariance));

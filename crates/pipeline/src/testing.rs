@@ -9,6 +9,7 @@ use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::flight::{BallMotionMode, Landing};
 use localize::frames::At;
 use localize::global_search::branch_and_bound::{Certificate, Hypothesis};
+use localize::localizer::{SightingDirection, SightingOutcome};
 use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
 use localize::robot::ExposureSetting;
@@ -114,13 +115,17 @@ impl RandomValues {
                 pose: Some(self.pose()),
                 pose_std: self.values(),
                 half_known: true,
+                pose_by_markings: true,
                 ball: Some(team::ReportedBall {
                     at: self.at(),
                     velocity: self.values(),
                     covariance: self.values(),
                     last_seen: stamp,
                 }),
-                obstacles: vec![self.at()],
+                obstacles: vec![team::ReportedObstacle {
+                    at: self.at(),
+                    covariance: self.values(),
+                }],
                 ball_sighting: Some(self.sighting()),
             }],
             truth: Some(GroundTruth {
@@ -272,6 +277,12 @@ impl RandomValues {
                 inliers: vec![1, 2],
                 outliers: vec![3],
             }),
+            pose_by_markings: true,
+            sightings: vec![team::JudgedSighting {
+                robot: 3,
+                direction: SightingDirection::OfMate,
+                outcome: SightingOutcome::Ambiguous,
+            }],
         }
     }
 

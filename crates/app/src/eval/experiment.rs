@@ -10,6 +10,7 @@ use sim::fusion_experiment::{Disturbance, Estimator};
 
 use super::air::{AirRuns, AirVariant};
 use super::certainty::{CertaintyRuns, CertificateRuns};
+use super::cooperative::{CooperativeRuns, CooperativeVariant};
 use super::mapping::MappingRuns;
 use super::metric::PaperReference;
 
@@ -83,6 +84,8 @@ pub(crate) enum PartRun {
     Certainty(CertaintyRuns),
     /// Fields mapped from drives, without images.
     Mapping(MappingRuns),
+    /// A robot without line points among team-mates that see it, without images.
+    Cooperative(CooperativeRuns),
 }
 
 /// Images for the detection rates.
@@ -346,6 +349,15 @@ impl Part {
                         variant.liars.unwrap_or_default()
                     );
                 }
+            }
+            PartRun::Cooperative(runs) => {
+                let honest_missing = |variant: &&CooperativeVariant| {
+                    variant.liars > Some(variant.mates.unwrap_or(2))
+                };
+                if let Some(variant) = runs.variants.iter().find(honest_missing) {
+                    bail!("variant {:?}: more liars than mates", variant.name);
+                }
+                runs.field = folder.join(&runs.field);
             }
             PartRun::Air(air) => {
                 let honest_missing = |variant: &&AirVariant| variant.liars >= variant.robots;

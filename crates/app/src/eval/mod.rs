@@ -2,6 +2,7 @@
 
 pub(crate) mod air;
 pub(crate) mod certainty;
+pub(crate) mod cooperative;
 pub(crate) mod drives;
 pub(crate) mod experiment;
 pub(crate) mod fusion;
@@ -31,7 +32,7 @@ use pipeline::paths;
 /// The same seeds give the same figures, except times.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball eval lima2001 --out out/lima2001\n\
-                  NAME is one of config/experiments (lima2001, minho2016, nubot2013, eyes, fusion, team, air, certainty, mapping, all) or the path of a TOML file.")]
+                  NAME is one of config/experiments (lima2001, minho2016, nubot2013, eyes, fusion, team, air, cooperative, certainty, mapping, all) or the path of a TOML file.")]
 pub(crate) struct Args {
     /// The experiment.
     name: String,
@@ -175,6 +176,7 @@ fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<P
             certainty::run_certainty_drives(runs, seeds, &mut rows, &bar),
         ),
         PartRun::Mapping(runs) => ("mapping", mapping::run(runs, seeds, &mut rows, &bar)),
+        PartRun::Cooperative(runs) => ("team", cooperative::run(runs, seeds, &mut rows, &bar)),
         PartRun::MultiRobot(runs) => ("team", team::run_rendered(runs, seeds, &mut rows, &bar)),
     };
     bar.finish_and_clear();

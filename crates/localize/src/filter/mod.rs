@@ -25,7 +25,7 @@ use crate::omni::{Twist, UNCORRECTED_MOTION};
 use curvature::CurvatureFilter;
 use decentralised::DecentralisedFilter;
 use joint::JointFilter;
-pub use joint::OdometryPrior;
+pub use joint::{ERRORS_PER_MATE, MateInnovation, MateMeasurement, OdometryPrior};
 use pose_gaussian::{PoseMeasurement, PosePosterior};
 
 /// Estimate of pose and motion with its covariance.
@@ -311,6 +311,34 @@ impl PoseFilter {
                 covariance: matched.pose_tilt_covariance,
             };
             joint.learn_wheel_noise(&posterior, tilt_prior);
+        }
+    }
+
+    /// Innovation of a mate's measurement (docs/methods.md 12.5). `error_time`: for which the mate's errors last, seconds.
+    ///
+    /// None if there are too many mates. Only the joint filter knows mates.
+    pub fn mate_innovation(
+        &mut self,
+        measurement: &MateMeasurement,
+        error_time: f32,
+    ) -> Option<MateInnovation> {
+        match self {
+            PoseFilter::Joint(joint) => joint.mate_innovation(measurement, error_time),
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => None,
+        }
+    }
+
+    /// Updates by a mate's measurement whose innovation was accepted.
+    pub fn update_by_mate(&mut self, measurement: &MateMeasurement, config: &FilterConfig) {
+        if let PoseFilter::Joint(joint) = self {
+            joint.update_by_mate(measurement, config);
+        }
+    }
+
+    /// Adds errors of these standard deviations to the pose, metres and radians.
+    pub fn doubt_pose(&mut self, position_std: f32, heading_std: f32) {
+        if let PoseFilter::Joint(joint) = self {
+            joint.doubt_pose(position_std, heading_std);
         }
     }
 

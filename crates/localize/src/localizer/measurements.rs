@@ -159,6 +159,10 @@ impl Localizer {
     /// Keeps the state after an image, for a next image that is older than samples received meanwhile.
     pub(super) fn take_snapshot(&mut self) {
         self.buffered.clear();
+        match self.state.filter().map(PoseFilter::twist) {
+            Some(twist) => self.own_motion.add(self.filter_stamp, twist),
+            None => self.own_motion.clear(),
+        }
         self.snapshot = self.has_pose_hypotheses().then(|| {
             Box::new(Snapshot {
                 filter_stamp: self.filter_stamp,

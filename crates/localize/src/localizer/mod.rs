@@ -5,16 +5,20 @@
 //! decide between them (Ambiguous). `state` holds the states, `transitions` what leads from one to another.
 
 mod candidates;
+mod cooperative_config;
 mod field_half;
 mod fit_monitor;
 mod global_check;
 mod global_localization;
 mod map_learning;
 mod match_figures;
+mod mate_record;
 mod measurements;
 mod motion_inputs;
 mod output;
+mod own_motion;
 mod state;
+mod team_sightings;
 mod tilt_bias;
 mod tilt_compensation;
 mod tilt_spread;
@@ -43,12 +47,17 @@ use crate::sample::{Compass, GoalObservation, LinePoint};
 use crate::stamp::Stamp;
 
 use candidates::Candidates;
+pub use cooperative_config::CooperativeConfig;
 use field_half::HalfEvidence;
 pub use field_half::HalfState;
 use fit_monitor::{FitMarkings, FitMonitor};
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
+use own_motion::OwnMotion;
 use state::{GlobalCheck, State};
+pub use team_sightings::{
+    SightingDirection, SightingOutcome, SightingPair, SightingRival, TeamSighting,
+};
 use tilt_bias::TiltBias;
 use tilt_spread::TiltSpread;
 
@@ -102,6 +111,8 @@ pub struct Localizer {
     snapshot: Option<Box<Snapshot>>,
     /// Samples since the snapshot.
     buffered: Vec<MotionMeasurement>,
+    /// For late measurements.
+    own_motion: OwnMotion,
     /// Time to which the particles of the global search are predicted.
     particles_stamp: Stamp,
     last_odometry: Option<LastOdometry>,
@@ -224,6 +235,7 @@ impl Localizer {
             out_of_order_count: 0,
             snapshot: None,
             buffered: Vec::new(),
+            own_motion: OwnMotion::default(),
             config,
         };
         localizer.set_map_basis(None);

@@ -61,7 +61,7 @@ impl EstimateParts<'_> {
 }
 
 impl Localizer {
-    fn half_known(&self, track: &PoseTrack) -> bool {
+    pub(super) fn half_known(&self, track: &PoseTrack) -> bool {
         !self.search.is_half_turn_symmetric()
             || track.half_evidence.log_odds_with_withheld()
                 >= self.config.compass.half_known_log_odds

@@ -2,6 +2,7 @@
 
 use super::candidates::Candidates;
 use super::field_half::HalfEvidence;
+use super::mate_record::MateRecords;
 use crate::filter::PoseFilter;
 use crate::global_search::branch_and_bound::GradualSearch;
 use crate::matching::Match;
@@ -35,6 +36,8 @@ pub(super) struct PoseTrack {
     pub(super) last_global_check: Stamp,
     /// Checks since the start of the track that found no better pose.
     pub(super) passed_checks: u32,
+    /// What became of team-mates' sightings.
+    pub(super) mates: MateRecords,
 }
 
 /// What contradicts a tracked pose.
@@ -140,6 +143,7 @@ mod tests {
             half_evidence: HalfEvidence::default(),
             last_global_check: Stamp(0),
             passed_checks: 0,
+            mates: MateRecords::default(),
         };
         let alternative = Alternative {
             filter: filter(2.0),

@@ -11,6 +11,7 @@
 use super::Localizer;
 use super::candidates::Candidates;
 use super::field_half::HalfEvidence;
+use super::mate_record::MateRecords;
 use super::state::{Alternative, PoseTrack, State, Suspicion};
 use crate::filter::PoseFilter;
 use crate::frames::Pose;
@@ -49,6 +50,7 @@ impl Localizer {
             half_evidence,
             last_global_check: stamp,
             passed_checks: 0,
+            mates: MateRecords::default(),
         });
     }
 

@@ -4,6 +4,7 @@ pub mod air_ball;
 pub mod certainty;
 pub mod certificates;
 pub mod consistency;
+pub mod cooperative;
 pub mod drive;
 pub mod evaluation;
 pub mod field_mapping;

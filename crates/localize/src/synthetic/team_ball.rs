@@ -368,6 +368,7 @@ fn report(
         pose: estimate.pose,
         pose_std: [POSE_STD[0], POSE_STD[0], POSE_STD[1]],
         half_known: true,
+        pose_by_markings: false,
         ball,
         obstacles: Vec::new(),
         ball_sighting: None,

@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{SettingError, TEAM_BOUNDS, check_bounds};
+use crate::localizer::CooperativeConfig;
 
 /// Fusion of shared observations among team-mates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -27,6 +28,8 @@ pub struct TeamConfig {
     pub gate: f32,
     /// Largest change of the field half's log odds by one image. A smaller value decides later and more reliably.
     pub half_log_odds_max: f32,
+    /// Correction of the pose by sightings between team-mates.
+    pub cooperative: CooperativeConfig,
 }
 
 impl Default for TeamConfig {
@@ -42,6 +45,7 @@ impl Default for TeamConfig {
             gate: 9.2,
             // At 30 Hz the half is decided within half a second, and not by a single image.
             half_log_odds_max: 0.5,
+            cooperative: CooperativeConfig::default(),
         }
     }
 }

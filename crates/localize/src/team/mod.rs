@@ -6,8 +6,10 @@
 
 mod ball_fusion;
 mod config;
+mod pose_origin;
 mod rays;
 mod report;
+mod sightings;
 #[cfg(test)]
 mod tests;
 
@@ -16,14 +18,17 @@ use nalgebra::Matrix2;
 pub use ball_fusion::{BallMeasurement, TeamBall, fuse_balls};
 pub use config::TeamConfig;
 pub use rays::TeamBallInSpace;
-pub use report::{ReportedBall, TeamReport};
+pub use report::{ReportedBall, ReportedObstacle, TeamReport};
 
+use pose_origin::PoseOrigin;
 use rays::TeamRays;
 use report::is_plausible;
+use sightings::SightingHistory;
 
 use crate::estimate::Estimate;
 use crate::flight::FlightConfig;
 use crate::frames::{At, Pose};
+use crate::localizer::{SightingDirection, SightingOutcome, TeamSighting};
 use crate::stamp::Stamp;
 use crate::world::WorldView;
 
@@ -38,6 +43,21 @@ pub struct TeamView {
     pub half_log_odds: f32,
     /// The ball where the rays of several robots meet. None if fewer than two robots see it.
     pub triangulated: Option<TeamBallInSpace>,
+    /// True if our pose rests on our own sight of the field's markings, and on no team-mate's.
+    pub pose_by_markings: bool,
+    /// Sightings between us and team-mates that could correct our pose.
+    pub sightings: Vec<JudgedSighting>,
+}
+
+/// A sighting between us and a team-mate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct JudgedSighting {
+    /// The team-mate's number.
+    pub robot: u32,
+    /// Who saw whom.
+    pub direction: SightingDirection,
+    /// What became of it.
+    pub outcome: SightingOutcome,
 }
 
 /// A team-mate.
@@ -60,6 +80,8 @@ pub struct TeamModel {
     /// The latest report of each robot, sorted by number.
     reports: Vec<TeamReport>,
     rays: TeamRays,
+    history: SightingHistory,
+    pose_origin: PoseOrigin,
 }
 
 impl TeamModel {
@@ -69,6 +91,8 @@ impl TeamModel {
             config,
             reports: Vec::new(),
             rays: TeamRays::new(&FlightConfig::default()),
+            history: SightingHistory::default(),
+            pose_origin: PoseOrigin::default(),
         }
     }
 
@@ -95,11 +119,13 @@ impl TeamModel {
                 if back < 0.0 || back > self.config.ball_age_max {
                     known.clone_from(report);
                     self.rays.add_report(report);
+                    self.history.add_report(report);
                 }
             }
             Err(index) if self.reports.len() < self.config.teammates_max => {
                 self.reports.insert(index, report.clone());
                 self.rays.add_report(report);
+                self.history.add_report(report);
             }
             Err(_) => {}
         }
@@ -147,12 +173,49 @@ impl TeamModel {
             ball_agrees: agrees(report.robot),
         });
         self.rays.add_own(config.number, stamp, world, estimate);
+        self.history.add_image(stamp, world, estimate);
         TeamView {
+            pose_by_markings: self.pose_origin.update(estimate, &config.cooperative),
+            sightings: Vec::new(),
             triangulated: self.rays.triangulate(stamp),
             teammates: teammates.collect(),
             half_log_odds,
             ball: fused,
         }
+    }
+
+    /// Sightings by the reports since the last image, for the localizer to apply. Empty while the pose is certain enough.
+    pub fn take_sightings(&mut self, estimate: &Estimate) -> Vec<TeamSighting> {
+        let config = &self.config.cooperative;
+        let is_helpful = config.enabled
+            && estimate.half_known
+            && estimate.pose.is_some()
+            && self.pose_origin.needs_mates(estimate, config);
+        if !is_helpful {
+            self.history.skip_reports();
+            return Vec::new();
+        }
+        self.history
+            .take_sightings(estimate.stamp, &self.reports, &self.config)
+    }
+
+    /// Takes note of what became of the sightings.
+    pub fn judge_sightings(
+        &mut self,
+        sightings: &[TeamSighting],
+        outcomes: &[SightingOutcome],
+    ) -> Vec<JudgedSighting> {
+        if outcomes.contains(&SightingOutcome::Used) {
+            self.pose_origin.mark_corrected();
+        }
+        let pairs = sightings.iter().zip(outcomes);
+        pairs
+            .map(|(sighting, outcome)| JudgedSighting {
+                robot: sighting.robot,
+                direction: sighting.direction,
+                outcome: *outcome,
+            })
+            .collect()
     }
 
     /// A report's ball predicted to `stamp`, with added process noise; None if it is too old.

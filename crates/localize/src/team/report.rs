@@ -19,10 +19,21 @@ pub struct TeamReport {
     pub half_known: bool,
     /// Its ball.
     pub ball: Option<ReportedBall>,
-    /// Detected robots, metres.
-    pub obstacles: Vec<At<FieldFrame>>,
+    /// True if its pose rests on its own sight of the field's markings, and on no team-mate's: it may correct others.
+    pub pose_by_markings: bool,
+    /// Robots that it tracks.
+    pub obstacles: Vec<ReportedObstacle>,
     /// Direction in which it saw the ball at `stamp`, field frame: its azimuth includes its heading.
     pub ball_sighting: Option<BallSighting>,
+}
+
+/// A robot that a team-mate tracks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReportedObstacle {
+    /// Metres.
+    pub at: At<FieldFrame>,
+    /// Covariance of the position, that of the team-mate's pose included: xx, xy, yy, m².
+    pub covariance: [f32; 3],
 }
 
 /// A team-mate's ball on the field.
@@ -45,14 +56,15 @@ pub(super) fn is_plausible(report: &TeamReport) -> bool {
         .pose
         .is_none_or(|pose| is_near(pose.x, pose.y) && pose.theta.is_finite());
     let ball = report.ball.is_none_or(|ball| {
-        let [xx, xy, yy] = ball.covariance;
         is_near(ball.at.x, ball.at.y)
             && ball.velocity.iter().all(|speed| speed.abs() < 100.0)
-            && xx >= 0.0
-            && yy >= 0.0
-            && xx * yy - xy * xy >= 0.0
-            && xx + yy < 1e4
+            && is_covariance(ball.covariance)
     });
+    let obstacles = report
+        .obstacles
+        .iter()
+        .all(|obstacle| is_near(obstacle.at.x, obstacle.at.y));
+    let pose_std = report.pose_std.iter().all(|std| (0.0..1e3).contains(std));
     let sighting = report.ball_sighting.is_none_or(|sighting| {
         let [azimuth, elevation] = sighting.std;
         sighting.azimuth.abs() < 100.0
@@ -61,5 +73,10 @@ pub(super) fn is_plausible(report: &TeamReport) -> bool {
             && (1e-5..10.0).contains(&elevation)
             && (0.0..10.0).contains(&sighting.viewpoint_height)
     });
-    pose && ball && sighting && report.obstacles.iter().all(|at| is_near(at.x, at.y))
+    pose && pose_std && ball && sighting && obstacles
+}
+
+/// True if finite, not negative and below that of a field.
+pub(super) fn is_covariance([xx, xy, yy]: [f32; 3]) -> bool {
+    xx >= 0.0 && yy >= 0.0 && xx * yy - xy * xy >= 0.0 && xx + yy < 1e4
 }

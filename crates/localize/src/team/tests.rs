@@ -3,7 +3,9 @@
 use nalgebra::{Matrix3, Matrix4};
 use proptest::prelude::*;
 
-use super::{BallMeasurement, ReportedBall, TeamConfig, TeamModel, TeamReport, fuse_balls};
+use super::{
+    BallMeasurement, ReportedBall, ReportedObstacle, TeamConfig, TeamModel, TeamReport, fuse_balls,
+};
 use crate::estimate::Estimate;
 use crate::frames::{At, Pose};
 use crate::stamp::Stamp;
@@ -26,6 +28,7 @@ fn report(robot: u32, x: f32, y: f32) -> TeamReport {
         pose: Some(Pose::new(0.0, 0.0, 0.0)),
         pose_std: [0.05, 0.05, 0.02],
         half_known: true,
+        pose_by_markings: false,
         ball: Some(ReportedBall {
             at: At::new(x, y),
             velocity: [0.0; 2],
@@ -175,13 +178,14 @@ proptest! {
                 pose: Some(Pose::new(x, y, vx)),
                 pose_std: [xx, xy, yy],
                 half_known,
+                pose_by_markings: half_known,
                 ball: Some(ReportedBall {
                     at: At::new(x, y),
                     velocity: [vx, vy],
                     covariance: [xx, xy, yy],
                     last_seen: Stamp(last_seen),
                 }),
-                obstacles: vec![At::new(y, x)],
+                obstacles: vec![ReportedObstacle { at: At::new(y, x), covariance: [xx, xy, yy] }],
                 ball_sighting: Some(BallSighting {
                     azimuth: x,
                     elevation: y,

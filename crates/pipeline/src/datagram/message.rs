@@ -309,6 +309,10 @@ pub struct TeamMessage {
     /// Direction in which the sender saw the ball at `stamp_ns`. None if it did not.
     #[prost(message, optional)]
     pub ball_ray: Option<BallRay>,
+    /// True if the pose rests on the sender's own sight of the field's markings, and on no team-mate's: it may correct
+    /// others. Earlier versions do not send it and correct nobody.
+    #[prost(bool)]
+    pub pose_by_markings: bool,
 }
 
 /// The direction of the ball's centre from the sender's mirror, field frame.

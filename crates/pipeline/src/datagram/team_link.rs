@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use anyhow::Result;
 use localize::frames::{At, wrap_angle};
-use localize::team::{ReportedBall, TeamReport};
+use localize::team::{ReportedBall, ReportedObstacle, TeamReport};
 use localize::world::{BallSighting, TrackedObject};
 use localize::{Pose, Stamp};
 use prost::Message;
@@ -111,6 +111,7 @@ impl TeamLink {
                 .take(MAX_OBSTACLES)
                 .collect(),
             ball_ray: ball_ray(cycle),
+            pose_by_markings: cycle.team.pose_by_markings,
         };
         append_mac(message.encode_to_vec(), self.key.as_ref())
     }
@@ -217,6 +218,7 @@ fn report_from_message(message: &TeamMessage, ours: impl Fn(i64) -> Stamp) -> Te
         pose: pose.map(|pose| Pose::new(pose.x, pose.y, pose.theta)),
         pose_std: [std(0), std(1), std(2)],
         half_known: pose.is_some_and(|pose| pose.half_known),
+        pose_by_markings: message.pose_by_markings,
         ball: message.ball.as_ref().and_then(|ball| {
             Some(ReportedBall {
                 at: At::new(ball.x, ball.y),
@@ -228,7 +230,12 @@ fn report_from_message(message: &TeamMessage, ours: impl Fn(i64) -> Stamp) -> Te
         obstacles: message
             .obstacles
             .iter()
-            .map(|obstacle| At::new(obstacle.x, obstacle.y))
+            .filter_map(|obstacle| {
+                Some(ReportedObstacle {
+                    at: At::new(obstacle.x, obstacle.y),
+                    covariance: obstacle.covariance[..].try_into().ok()?,
+                })
+            })
             .collect(),
         ball_sighting: message.ball_ray.as_ref().map(|ray| BallSighting {
             azimuth: ray.azimuth,

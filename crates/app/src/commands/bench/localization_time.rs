@@ -17,6 +17,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::measure::{BenchFigure, CallTimes, Figures, REPEATS};
+use super::team_sightings;
 use pipeline::PipelineConfig;
 use pipeline::paths;
 use pipeline::setup::Setup;
@@ -44,6 +45,7 @@ pub(super) const NAMES: &[&str] = &[
     "advice",
     "ball_flight",
     "ball_rays_of_team",
+    "team_sightings",
 ];
 
 /// Times the matching, the tracking and the branch-and-bound search of the default preset.
@@ -115,6 +117,10 @@ pub(super) fn measure_localization(figures: &mut Figures) -> Result<()> {
         black_box(advisor.advise(&distances, &frame.points, considered, &weights, None));
     });
     measure_flight(figures);
+    if figures.wants("team_sightings") {
+        let added = team_sightings::added_time(&field, &frames);
+        figures.push(BenchFigure::new("team_sightings", added, "ms", "<= 0.05"));
+    }
     Ok(())
 }
 

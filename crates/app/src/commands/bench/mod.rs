@@ -7,6 +7,7 @@ mod localization_accuracy;
 mod localization_time;
 mod measure;
 mod simulation_time;
+mod team_sightings;
 mod vision_time;
 
 use std::path::{Path, PathBuf};

@@ -27,6 +27,9 @@ impl JointFilter {
                 }
             }
         }
+        if let Some(errors) = &mut self.mate_errors {
+            errors.propagate(rows);
+        }
     }
 
     /// P ← P + v vᵀ · `variance`.
@@ -67,6 +70,9 @@ impl JointFilter {
             return innovation_variance;
         }
         let normalized = innovation / innovation_variance;
+        if let Some(errors) = &mut self.mate_errors {
+            errors.update_scalar(jacobian, &cross, innovation_variance);
+        }
         for (value, cross) in self.state.iter_mut().zip(&cross) {
             *value += cross * normalized;
         }

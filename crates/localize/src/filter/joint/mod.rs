@@ -11,12 +11,14 @@
 //! | `wheel_noise` | learned wheel noise | 8.8 |
 //! | `zero_velocity_update` | h, H, R at rest | 8.6 |
 //! | `pose_update` | H and gain of a matched image | 8.7 |
+//! | `mate_errors` | h, H, R of sightings between team-mates | 12.5 |
 //! | `covariance` | sparse kernels of these equations | |
 //!
 //! Tilt, accelerometer bias and mount are separate states, since an accelerometer measures gravity through each of them.
 //! The increment since the last wheel sample is a clone of the motion, so an image may fall between two wheel samples.
 
 mod covariance;
+mod mate_errors;
 mod odometry_correction;
 mod pose_update;
 mod predict;
@@ -35,6 +37,8 @@ use crate::frames::{Pose, wrap_angle};
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
+use mate_errors::MateErrors;
+pub use mate_errors::{ERRORS_PER_MATE, MateInnovation, MateMeasurement};
 pub use odometry_correction::OdometryPrior;
 use state::{
     ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, POSE, ROW_STRIDE,
@@ -59,6 +63,8 @@ pub struct JointFilter {
     odometry_prior: OdometryPrior,
     wheel_noise: WheelNoiseEstimate,
     collision: CollisionDetector,
+    /// Errors of team-mates that corrected the pose lately.
+    mate_errors: Option<Box<MateErrors>>,
 }
 
 impl JointFilter {
@@ -126,6 +132,7 @@ impl JointFilter {
             odometry_prior: odometry_prior.clone(),
             wheel_noise,
             collision: CollisionDetector::default(),
+            mate_errors: None,
         }
     }
 
@@ -194,6 +201,9 @@ impl JointFilter {
                 };
             }
         }
+        if let Some(errors) = &mut self.mate_errors {
+            errors.decorrelate_pose();
+        }
         // The unreported motion may continue.
         for (k, std) in INITIAL_TWIST_STD.into_iter().enumerate() {
             self.covariance[TWIST + k][TWIST + k] += (0.3 * std).powi(2);
@@ -216,6 +226,8 @@ impl JointFilter {
     /// The same estimate in the other field half.
     pub(super) fn half_turned(&self) -> Self {
         let mut turned = self.clone();
+        // The mates located the pose in the other half.
+        turned.mate_errors = None;
         turned.state[0] = -self.state[0];
         turned.state[1] = -self.state[1];
         turned.state[2] = wrap_angle(self.state[2] + std::f32::consts::PI);

@@ -32,6 +32,17 @@ impl JointFilter {
         })
     }
 
+    /// Nonzero entries of the rows of H.
+    fn pose_rows(&self, tilt_prior: TiltPrior) -> [Vec<(usize, f32)>; PARAMETERS] {
+        let velocity = self.field_velocity();
+        let tilt_in_state = matches!(tilt_prior, TiltPrior::FromState) && self.imu_active;
+        std::array::from_fn(|j| match j {
+            0..3 => vec![(POSE + j, 1.0), (LATENCY, -velocity[j])],
+            _ if tilt_in_state => vec![(TILT + j - 3, 1.0), (IMU_MOUNT + j - 3, -1.0)],
+            _ => Vec::new(),
+        })
+    }
+
     /// Velocity in the field frame.
     fn field_velocity(&self) -> Vector3<f32> {
         let (sin, cos) = math::sin_cos(self.state[POSE + 2]);
@@ -81,6 +92,13 @@ impl JointFilter {
         let [a, b] = posterior.tilt;
         let innovation = Vector5::from([x, y, theta, a, b]);
         self.update_wheel_noise(&information, &innovation, posterior);
+        if self.mate_errors.is_some() {
+            let rows = self.pose_rows(tilt_prior);
+            if let Some(errors) = &mut self.mate_errors {
+                let posterior = &posterior.covariance;
+                errors.update_by_image(&rows, &cross, &information, posterior);
+            }
+        }
         let step = gain * innovation;
         for (value, step) in self.state.iter_mut().zip(step.iter()) {
             *value += step;

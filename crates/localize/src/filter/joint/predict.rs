@@ -66,6 +66,7 @@ impl JointFilter {
         }
         self.collision.advance_time(input.dt);
         self.wheel_interval += input.dt;
+        self.age_mate_errors(input.dt);
         self.imu_active = input.imu.is_some();
         match &input.imu {
             Some(imu) => {

@@ -160,5 +160,8 @@ impl JointFilter {
                 line[k] = 0.0;
             }
         }
+        if let Some(errors) = &mut self.mate_errors {
+            errors.restart_wheels();
+        }
     }
 }

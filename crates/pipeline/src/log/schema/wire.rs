@@ -12,8 +12,8 @@ pub(crate) use super::wire_detections::{
 };
 pub(crate) use super::wire_geometry::{LinePoints, Pose, PoseError};
 pub(crate) use super::wire_world::{
-    AirborneState, BallInAir, Object, OnField, SharedBall, TeamReport, TeamView, Teammate,
-    TriangulatedBall, WorldView,
+    AirborneState, BallInAir, JudgedSighting, Object, OnField, SharedBall, TeamReport, TeamView,
+    Teammate, TriangulatedBall, WorldView,
 };
 
 /// `localize::sample::Odometry`: motion since the previous one, robot frame.

@@ -121,6 +121,12 @@ pub(crate) struct TeamReport {
     /// As `WorldView::ball_sighting`, in the field frame.
     #[prost(float, repeated)]
     pub(crate) ball_sighting: Vec<f32>,
+    /// False in logs of earlier versions, whose robots correct nobody.
+    #[prost(bool)]
+    pub(crate) pose_by_markings: bool,
+    /// Of each obstacle: xx, xy, yy, m². Empty in logs of earlier versions.
+    #[prost(float, repeated)]
+    pub(crate) obstacles_covariance: Vec<f32>,
 }
 
 /// `localize::team::TeamBall`: the fused ball of the majority, field frame.
@@ -168,6 +174,23 @@ pub(crate) struct TeamView {
     pub(crate) half_evidence: f32,
     #[prost(message, optional)]
     pub(crate) triangulated: Option<TriangulatedBall>,
+    #[prost(bool)]
+    pub(crate) pose_by_markings: bool,
+    #[prost(message, repeated)]
+    pub(crate) sightings: Vec<JudgedSighting>,
+}
+
+/// `localize::team::JudgedSighting`: a sighting between this robot and a teammate, and what became of it.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct JudgedSighting {
+    #[prost(uint32)]
+    pub(crate) robot: u32,
+    /// by_mate or of_mate.
+    #[prost(string)]
+    pub(crate) direction: String,
+    /// used, or why not.
+    #[prost(string)]
+    pub(crate) outcome: String,
 }
 
 /// `localize::team::TeamBallInSpace`: the ball at the height at which several robots' rays meet, field frame.

@@ -4,7 +4,11 @@ use anyhow::{Context, Result, bail};
 use localize::Stamp;
 use localize::flight::BallMotionMode;
 use localize::frames::At;
-use localize::team::{ReportedBall, TeamBall, TeamBallInSpace, TeamReport, TeamView, Teammate};
+use localize::localizer::{SightingDirection, SightingOutcome};
+use localize::team::{
+    JudgedSighting, ReportedBall, ReportedObstacle, TeamBall, TeamBallInSpace, TeamReport,
+    TeamView, Teammate,
+};
 
 use super::super::wire;
 use super::geometry::{pose_from_wire, pose_to_wire, same_length};
@@ -18,6 +22,7 @@ pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
         pose,
         pose_std,
         half_known,
+        pose_by_markings,
         ball,
         obstacles,
         ball_sighting,
@@ -34,8 +39,13 @@ pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
         half_known: *half_known,
         ball: ball.as_ref().map(numbers).unwrap_or_default(),
         ball_seen_ns: ball.map_or(0, |ball| ball.last_seen.0),
-        obstacles_x: obstacles.iter().map(|at| at.x).collect(),
-        obstacles_y: obstacles.iter().map(|at| at.y).collect(),
+        obstacles_x: obstacles.iter().map(|obstacle| obstacle.at.x).collect(),
+        obstacles_y: obstacles.iter().map(|obstacle| obstacle.at.y).collect(),
+        obstacles_covariance: obstacles
+            .iter()
+            .flat_map(|obstacle| obstacle.covariance)
+            .collect(),
+        pose_by_markings: *pose_by_markings,
         ball_sighting: ball_sighting
             .as_ref()
             .map(sighting_to_wire)
@@ -44,8 +54,6 @@ pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
 }
 
 pub(super) fn team_report_from_wire(report: &wire::TeamReport) -> Result<TeamReport> {
-    let (x, y) = (&report.obstacles_x, &report.obstacles_y);
-    same_length("obstacles", &[x.len(), y.len()])?;
     Ok(TeamReport {
         robot: report.robot,
         stamp: Stamp(report.stamp_ns),
@@ -54,6 +62,7 @@ pub(super) fn team_report_from_wire(report: &wire::TeamReport) -> Result<TeamRep
             .try_into()
             .context("a report has not 3 standard deviations")?,
         half_known: report.half_known,
+        pose_by_markings: report.pose_by_markings,
         ball: match report.ball[..] {
             [] => None,
             [x, y, vx, vy, xx, xy, yy] => Some(ReportedBall {
@@ -64,9 +73,28 @@ pub(super) fn team_report_from_wire(report: &wire::TeamReport) -> Result<TeamRep
             }),
             _ => bail!("a reported ball of {} numbers", report.ball.len()),
         },
-        obstacles: x.iter().zip(y).map(|(&x, &y)| At::new(x, y)).collect(),
+        obstacles: obstacles_from_wire(report)?,
         ball_sighting: sighting_from_wire(&report.ball_sighting)?,
     })
+}
+
+/// Robots that a teammate tracks. Their covariance is infinite in logs of earlier versions.
+fn obstacles_from_wire(report: &wire::TeamReport) -> Result<Vec<ReportedObstacle>> {
+    let (x, y) = (&report.obstacles_x, &report.obstacles_y);
+    same_length("obstacles", &[x.len(), y.len()])?;
+    let covariances = &report.obstacles_covariance;
+    let covariances: Vec<[f32; 3]> = if covariances.is_empty() {
+        vec![[f32::INFINITY, 0.0, f32::INFINITY]; x.len()]
+    } else {
+        let (covariances, rest) = covariances.as_chunks::<3>();
+        same_length("obstacles", &[x.len(), covariances.len() + rest.len()])?;
+        covariances.to_vec()
+    };
+    let places = x.iter().zip(y).map(|(&x, &y)| At::new(x, y));
+    Ok(places
+        .zip(covariances)
+        .map(|(at, covariance)| ReportedObstacle { at, covariance })
+        .collect())
 }
 
 pub(crate) fn team_to_wire(team: &TeamView) -> wire::TeamView {
@@ -75,12 +103,16 @@ pub(crate) fn team_to_wire(team: &TeamView) -> wire::TeamView {
         teammates: mates,
         half_log_odds: half_evidence,
         triangulated,
+        pose_by_markings,
+        sightings,
     } = team;
     wire::TeamView {
         ball: ball.as_ref().map(ball_to_wire),
         mates: mates.iter().map(teammate_to_wire).collect(),
         half_evidence: *half_evidence,
         triangulated: triangulated.as_ref().map(triangulated_to_wire),
+        pose_by_markings: *pose_by_markings,
+        sightings: sightings.iter().map(sighting_to_message).collect(),
     }
 }
 
@@ -98,6 +130,41 @@ pub(super) fn team_from_wire(team: &wire::TeamView) -> Result<TeamView> {
             .as_ref()
             .map(triangulated_from_wire)
             .transpose()?,
+        pose_by_markings: team.pose_by_markings,
+        sightings: team
+            .sightings
+            .iter()
+            .map(sighting_from_message)
+            .collect::<Result<_>>()?,
+    })
+}
+
+names!(direction_name, direction_named: SightingDirection { ByMate = "by_mate", OfMate = "of_mate" });
+names!(outcome_name, outcome_named: SightingOutcome {
+    Used = "used",
+    NoPose = "no_pose",
+    TooUncertain = "too_uncertain",
+    NotSeen = "not_seen",
+    PoseDoubted = "pose_doubted",
+    Distrusted = "distrusted",
+    Ambiguous = "ambiguous",
+    Late = "late",
+    TooManyMates = "too_many_mates",
+});
+
+fn sighting_to_message(sighting: &JudgedSighting) -> wire::JudgedSighting {
+    wire::JudgedSighting {
+        robot: sighting.robot,
+        direction: direction_name(sighting.direction).to_owned(),
+        outcome: outcome_name(sighting.outcome).to_owned(),
+    }
+}
+
+fn sighting_from_message(sighting: &wire::JudgedSighting) -> Result<JudgedSighting> {
+    Ok(JudgedSighting {
+        robot: sighting.robot,
+        direction: direction_named(&sighting.direction)?,
+        outcome: outcome_named(&sighting.outcome)?,
     })
 }
 

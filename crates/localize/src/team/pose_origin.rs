@@ -1,0 +1,137 @@
+//! Does the pose rest on the own sight of the markings, so that it may correct team-mates?
+//!
+//! A robot that team-mates corrected must not correct others, or its own correction would return to it as news. A robot
+//! that sees no markings must not either, since its error lasts longer than others assume.
+
+use crate::estimate::{Estimate, Mode};
+use crate::localizer::CooperativeConfig;
+use crate::math;
+use crate::stamp::Stamp;
+
+/// Time without markings in sight for which the pose still rests on them, seconds.
+const PAUSE_MAX: f64 = 0.5;
+
+/// Follows from image to image what the pose rests on.
+#[derive(Debug, Clone, Default)]
+pub(super) struct PoseOrigin {
+    /// Team-mates corrected the pose since it last rested on the markings alone.
+    corrected: bool,
+    /// Since when the markings determine the pose.
+    since: Option<Stamp>,
+    /// Last image with markings that determine the pose.
+    last: Option<Stamp>,
+}
+
+impl PoseOrigin {
+    /// Team-mates corrected the pose.
+    pub(super) fn mark_corrected(&mut self) {
+        self.corrected = true;
+        self.since = None;
+        self.last = None;
+    }
+
+    /// Do the markings determine the pose so badly that team-mates should correct it? Once they did, until it rests on the
+    /// markings again.
+    pub(super) fn needs_mates(&self, estimate: &Estimate, config: &CooperativeConfig) -> bool {
+        self.corrected && self.since.is_none() || position_std(estimate) >= config.own_std_min
+    }
+
+    /// Does the pose of this image rest on the markings alone?
+    pub(super) fn update(&mut self, estimate: &Estimate, config: &CooperativeConfig) -> bool {
+        let stamp = estimate.stamp;
+        let limit = if self.corrected {
+            config.own_std_min
+        } else {
+            config.helper_std_max
+        };
+        let by_markings = estimate.mode == Mode::Tracking
+            && estimate.reason.is_none()
+            && estimate.half_known
+            && position_std(estimate) <= limit;
+        if by_markings {
+            self.since.get_or_insert(stamp);
+            self.last = Some(stamp);
+        } else if self
+            .last
+            .is_none_or(|last| !(0.0..=PAUSE_MAX).contains(&last.seconds_until(stamp)))
+        {
+            self.since = None;
+        }
+        let Some(since) = self.since else {
+            return false;
+        };
+        if since.seconds_until(stamp) >= f64::from(config.independent_after) {
+            self.corrected = false;
+        }
+        !self.corrected
+    }
+}
+
+/// Largest standard deviation of the position in any direction, metres. Infinite without a pose.
+fn position_std(estimate: &Estimate) -> f32 {
+    if estimate.pose.is_none() {
+        return f32::INFINITY;
+    }
+    let p = &estimate.covariance;
+    let mean = 0.5 * (p[(0, 0)] + p[(1, 1)]);
+    let half_difference = 0.5 * (p[(0, 0)] - p[(1, 1)]);
+    (mean + math::hypot(half_difference, p[(0, 1)]))
+        .max(0.0)
+        .sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix3;
+
+    use super::*;
+    use crate::estimate::Reason;
+    use crate::frames::Pose;
+
+    fn image(seconds: f64, std: f32, reason: Option<Reason>) -> Estimate {
+        let covariance = Matrix3::from_diagonal_element(std * std);
+        Estimate {
+            reason,
+            ..Estimate::tracked(
+                Stamp::from_seconds(seconds),
+                Pose::new(0.0, 0.0, 0.0),
+                covariance,
+            )
+        }
+    }
+
+    #[test]
+    fn corrected_robot_helps_again_after_two_seconds_of_markings() {
+        let config = CooperativeConfig::default();
+        let mut origin = PoseOrigin::default();
+        assert!(origin.update(&image(0.0, 0.02, None), &config));
+        // Without markings it helps for half a second.
+        let blind = Some(Reason::FewPoints);
+        assert!(origin.update(&image(0.4, 0.03, blind), &config));
+        assert!(!origin.update(&image(0.6, 0.04, blind), &config));
+        origin.mark_corrected();
+        assert!(!origin.update(&image(1.0, 0.02, None), &config));
+        assert!(!origin.update(&image(2.9, 0.02, None), &config));
+        assert!(origin.update(&image(3.1, 0.02, None), &config));
+    }
+
+    #[test]
+    fn few_markings_do_not_make_a_corrected_pose_its_own() {
+        let config = CooperativeConfig::default();
+        let mut origin = PoseOrigin::default();
+        origin.mark_corrected();
+        for k in 0..100 {
+            // A single line: its images are accepted, but leave a direction to the team-mates.
+            assert!(!origin.update(&image(f64::from(k) * 0.1, 0.07, None), &config));
+        }
+    }
+
+    #[test]
+    fn pose_of_unknown_half_helps_nobody() {
+        let estimate = Estimate {
+            half_known: false,
+            ..image(0.0, 0.02, None)
+        };
+        assert!(!PoseOrigin::default().update(&estimate, &CooperativeConfig::default()));
+    }
+}
