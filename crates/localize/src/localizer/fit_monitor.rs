@@ -21,6 +21,8 @@ const SEEN_DISTANCE: f32 = 0.25;
 /// Points on markings are counted in every n-th image, and the markings by its points and those of the image before it:
 /// vision may read half of the scan lines in each.
 const SEEN_STRIDE: u32 = 5;
+/// A point farther than this from every marking lies on none, however uncertain it is, metres.
+const ON_MARKING_MAX: f32 = 0.15;
 /// Memory of the image figures, in images, and of wheels and compass, in steps.
 const IMAGES: f32 = 150.0;
 const STEPS: f32 = 20.0;
@@ -232,9 +234,10 @@ pub(super) struct FitMarkings<'a> {
 }
 
 impl FitMarkings<'_> {
-    /// Share of the points that lie on markings, by the spread that vision states for them.
+    /// Share of the points that lie on markings, by their stated spread and within a limit.
     ///
-    /// The match widens that spread until it explains the points, so that its own inliers say nothing about the set-up.
+    /// The match learns the spread, and the map's uncertainty widens it, until both explain the points: the inliers of the
+    /// match say nothing about the set-up.
     /// `tilt`: what the points are not compensated for, radians.
     fn share_of(&self, pose: Pose, tilt: [f32; 2], points: &[LinePoint]) -> f32 {
         let MatchConfig {
@@ -247,7 +250,7 @@ impl FitMarkings<'_> {
             let [x, y] = ground_from_map([point.at.x, point.at.y], tilt, viewpoint_height);
             let at = pose * At::<RobotFrame>::new(x, y);
             let std = point.std_radial.max(point.std_tangential);
-            let reach = kernel_scale_sigmas * math::hypot(map_std, std);
+            let reach = (kernel_scale_sigmas * math::hypot(map_std, std)).min(ON_MARKING_MAX);
             self.distances.nearest(at.x, at.y).signed_distance.abs() < reach
         };
         points.iter().filter(is_on_marking).count() as f32 / points.len().max(1) as f32
