@@ -112,6 +112,99 @@ def test_map_of_another_size_is_refused_before_it_is_read(tmp_path: Path) -> Non
     assert "wrong shape of x_m: 6000 × 10000" in refused("locate", folder)
 
 
+def recording_with(folder: Path, name: str, setting: str) -> Path:
+    """A copy of the sample, with a top-level setting in its robot.toml that names a file."""
+    shutil.copytree(SEQUENCE, folder)
+    robot = folder / "robot.toml"
+    robot.write_text(setting.format(name) + "\n" + robot.read_text())
+    return folder
+
+
+def limit_address_space() -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+
+
+@pytest.mark.parametrize("kind", ["fifo", "zero", "socket"])
+@pytest.mark.parametrize(
+    "setting", ['include = ["{}"]', 'colours = "{}"', 'mask = "{}"', 'labels = "{}"', "mirror.csv", "odometry.csv"]
+)
+def test_input_that_is_no_regular_file_is_refused_by_name(tmp_path: Path, setting: str, kind: str) -> None:
+    name = setting if setting.endswith(".csv") else "special"
+    folder = recording_with(tmp_path / "robot", name, "" if setting == name else setting)
+    special = folder / name
+    special.unlink(missing_ok=True)
+    listener = socket.socket(socket.AF_UNIX)
+    if kind == "fifo":
+        os.mkfifo(special)
+    elif kind == "zero":
+        special.symlink_to("/dev/zero")
+    else:
+        listener.bind(str(special))
+    # Each of them was read without an end, or waited for.
+    done = run("locate", folder, "--out", tmp_path / "poses.csv", timeout=60, preexec_fn=limit_address_space)
+    listener.close()
+    assert done.returncode == 1, done.stderr
+    assert str(special) in done.stderr and "not a regular file" in done.stderr
+    assert not (tmp_path / "poses.csv").exists()
+
+
+@pytest.mark.parametrize("command", [["replay"], ["recover", "--out", "whole.mcap"], ["report", "--out", "page"], ["doctor"]])
+def test_log_that_is_a_pipe_is_refused(tmp_path: Path, command: list[str]) -> None:
+    log = tmp_path / "game.mcap"
+    os.mkfifo(log)
+    done = run(command[0], log, *command[1:], timeout=60, cwd=tmp_path)
+    assert done.returncode in (1, 2) and str(log) in done.stderr, done.stderr
+
+
+def test_settings_are_read_from_standard_input_and_the_empty_device(tmp_path: Path) -> None:
+    def poses(config: str, **options: Any) -> str:
+        out = tmp_path / "poses.csv"
+        done = run("locate", SEQUENCE, "--config", config, "--out", out, **options)
+        assert done.returncode == 0, done.stderr
+        return out.read_text()
+
+    assert poses("/dev/null") == poses("/dev/stdin", input="")
+    done = run("locate", SEQUENCE, "--config", "/dev/stdin", "--out", tmp_path / "poses.csv", input="[vision]\nnone = 1\n")
+    assert done.returncode == 1 and "/dev/stdin" in done.stderr and "none" in done.stderr
+
+
+def test_record_without_an_end_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "recording"
+    shutil.copytree(SEQUENCE, folder)
+    with (folder / "odometry.csv").open("a") as table:
+        table.write('9.0,"' + "9.0,0,0,0\n" * 300_000)
+    message = refused("locate", folder, "--out", tmp_path / "poses.csv")
+    assert "odometry.csv: line" in message and "a record is longer than 1048576 bytes" in message
+
+
+def test_log_that_ends_within_its_set_up_says_so(game: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    start = game.read_bytes().index(b"robot.toml")
+    cut.write_bytes(game.read_bytes()[: start + 20])
+    message = refused("replay", cut)
+    assert f"{cut} is truncated within the files of its set-up" in message and "No such file" not in message
+
+
+def test_rim_too_small_for_the_ground_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "recording"
+    shutil.copytree(SEQUENCE, folder)
+    robot = folder / "robot.toml"
+    text, changed = re.subn(r"(?m)^outer_radius_px = .*$", "outer_radius_px = 3", robot.read_text())
+    robot.write_text(text if changed else text.replace("[camera]", "[camera]\nouter_radius_px = 3"))
+    message = refused("locate", folder, "--out", tmp_path / "poses.csv")
+    assert "camera.outer_radius_px = 3: no ground within the mirror's rim" in message
+
+
+def test_line_points_beside_images_are_named_as_what_is_used(tmp_path: Path) -> None:
+    folder = tmp_path / "recording"
+    shutil.copytree(SEQUENCE, folder)
+    assert "note:" not in run("locate", folder, "--out", tmp_path / "poses.csv").stderr
+    (folder / "points.csv").write_text("stamp_s,x_m,y_m\n0.0,1,0\n0.1,1,0\n")
+    done = run("locate", folder, "--out", tmp_path / "poses.csv")
+    assert done.returncode == 0
+    assert f"note: {folder} has points.csv and frames.csv: the line points of points.csv are used" in done.stderr
+
+
 def test_verifying_a_log_without_a_cycle_fails(game: Path, log_files: dict[str, bytes], tmp_path: Path) -> None:
     log = tmp_path / "empty.mcap"
     write_log(log, log_files, [], game)

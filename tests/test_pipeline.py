@@ -205,6 +205,41 @@ def test_two_threads_give_the_results_of_one() -> None:
     assert found[1] != found[2]
 
 
+def test_image_of_another_size_is_refused_with_both_sizes(sequence: list[Cycle]) -> None:
+    pipeline = Pipeline(SEQUENCE)
+    for rows_px, columns_px in [(0, 0), (240, 320), (480, 481)]:
+        wrong = rf"wrong image size: {columns_px} × {rows_px} pixels \(expected 480 × 480"
+        with pytest.raises(ValueError, match=wrong):
+            pipeline.image(0.0, np.zeros((rows_px, columns_px, 3), np.uint8))
+    # A refused image leaves the pipeline as it was.
+    assert [cycle.pose for cycle in cycles_of_recording(SEQUENCE, pipeline)] == [cycle.pose for cycle in sequence]
+
+
+def test_pipeline_in_use_by_another_thread_says_so() -> None:
+    pipeline = Pipeline(SEQUENCE)
+    image = cv2.imread(str(SEQUENCE / "frames/000.jpg"))
+    assert image is not None
+    messages: set[str] = set()
+    barrier = threading.Barrier(4)
+
+    def run() -> None:
+        barrier.wait()
+        for k in range(200):
+            try:
+                pipeline.image(k * 0.03, image)
+            except RuntimeError as error:
+                messages.add(str(error))
+            if messages:
+                return
+
+    threads = [threading.Thread(target=run) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert messages == {"this Pipeline is in use by another thread (expected one Pipeline per thread)"}
+
+
 def test_steps_drive_the_robot_as_commanded() -> None:
     simulation = Simulation(ROOT / "config/scenarios/tracks_18x12.toml", seed=1, images=False)
     start = simulation.step((0.0, 0.0, 0.0)).truth.pose

@@ -1,6 +1,7 @@
 """Vision by Python on images as OpenCV reads them, against the samples' truth."""
 
 import csv
+import struct
 from pathlib import Path
 
 import cv2
@@ -69,6 +70,58 @@ def test_grey_images_and_strided_arrays_are_accepted(camera: Camera, ground: Gro
     wide = np.concatenate([first, first], axis=1)[:, : first.shape[1]]
     packed = vision.see(first, map=ground, camera=camera)
     assert np.array_equal(vision.see(wide, map=ground, camera=camera).points, packed.points)
+
+
+def in_every_order(packed: vision.Image) -> dict[str, vision.Image]:
+    """The same image in arrays whose bytes lie in other orders."""
+    wide = np.concatenate([packed, packed], axis=1)
+    double = np.repeat(np.repeat(packed, 2, axis=0), 2, axis=1)
+    return {
+        "C": packed,
+        "Fortran": np.asfortranarray(packed),
+        "negative rows": packed[::-1].copy()[::-1],
+        "negative columns": packed[:, ::-1].copy()[:, ::-1],
+        "columns of a wider array": wide[:, : packed.shape[1]],
+        "each second pixel": double[::2, ::2],
+        "last axis first": np.moveaxis(np.moveaxis(packed, -1, 0).copy(), 0, -1),
+    }
+
+
+@pytest.mark.parametrize("flags", [cv2.IMREAD_COLOR, cv2.IMREAD_GRAYSCALE])
+def test_result_does_not_depend_on_the_order_of_the_bytes(camera: Camera, ground: GroundMap, flags: int) -> None:
+    packed = image(SEQUENCE / "frames/000.jpg", flags)
+    expected = vision.see(packed, map=ground, camera=camera)
+    assert len(expected.points) > 100
+    # Random classes: neighbouring colours differ.
+    classes_of_colours = np.random.default_rng(1).integers(0, 2, 1 << 24, dtype=np.uint8).tobytes()
+    names = b"other\nwhite"
+    table = ColourTable.from_bytes(b"MBCOLOUR" + struct.pack("<3I", 1, 1, len(names)) + names + classes_of_colours)
+    classes = table.classify(packed)
+    assert 0.1 < np.mean(classes) < 0.9
+    line_points = mirrorball.Pipeline(SEQUENCE).image(0.0, packed).line_points
+    assert len(line_points) > 100
+    for order, array in in_every_order(packed).items():
+        assert np.array_equal(array, packed), order
+        seen = vision.see(array, map=ground, camera=camera)
+        assert np.array_equal(seen.points, expected.points), order
+        assert np.array_equal(table.classify(array), classes), order
+        cycle = mirrorball.Pipeline(SEQUENCE).image(0.0, array)
+        assert np.array_equal(cycle.line_points, line_points), order
+
+
+def test_image_of_another_size_is_refused_before_it_is_copied(camera: Camera, ground: GroundMap) -> None:
+    huge = np.broadcast_to(np.zeros(3, np.uint8), (100_000, 100_000, 3))
+    sizes = r"wrong image size: 100000 × 100000 pixels \(expected 480 × 480"
+    with pytest.raises(ValueError, match=sizes):
+        vision.see(huge, map=ground, camera=camera)
+    with pytest.raises(ValueError, match=sizes):
+        mirrorball.Pipeline(SEQUENCE).image(0.3, huge)
+    with pytest.raises(ValueError, match=r"invalid images\[0\]: uint8 array .* at most 67108864 pixels"):
+        vision.calibrate_mask(camera=camera, images=[huge] * 6)
+    names = b"other"
+    table = ColourTable.from_bytes(b"MBCOLOUR" + struct.pack("<3I", 1, 0, len(names)) + names + bytes(1 << 16))
+    with pytest.raises(ValueError, match=r"invalid image: .* at most 67108864 pixels"):
+        table.classify(huge[:, :, 0])
 
 
 def test_camera_is_derived_from_the_ground_map(camera: Camera, ground: GroundMap) -> None:

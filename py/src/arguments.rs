@@ -8,8 +8,9 @@ use numpy::{
     Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::PyClass;
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::pyclass::boolean_struct::False;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
 /// Positional and keyword arguments that make an equal object, for pickle and copy.
@@ -69,6 +70,19 @@ pub(crate) fn instance<'a, 'py, T: PyClass>(
     value.cast::<T>().map_err(|error| {
         let expected = format!("a mirrorball.{}", T::NAME);
         invalid(name, value, &expected, Some(error.into()))
+    })
+}
+
+/// An object whose method changes it. Refused while another thread is in such a method.
+pub(crate) fn exclusive<'py, T>(object: &Bound<'py, T>) -> PyResult<PyRefMut<'py, T>>
+where
+    T: PyClass<Frozen = False>,
+{
+    object.try_borrow_mut().map_err(|_in_use| {
+        let name = T::NAME;
+        PyRuntimeError::new_err(format!(
+            "this {name} is in use by another thread (expected one {name} per thread)"
+        ))
     })
 }
 

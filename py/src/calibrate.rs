@@ -33,7 +33,7 @@ fn drive(images: &Bound<'_, PyAny>) -> PyResult<Vec<NamedImage>> {
     let image = |(number, array): (usize, &Bound<'_, PyAny>)| {
         Ok(NamedImage {
             name: format!("image {number}"),
-            image: ImageArgument::new(&format!("images[{number}]"), array)?.to_rgb_image(),
+            image: ImageArgument::new(&format!("images[{number}]"), array, None)?.to_rgb_image(),
         })
     };
     let images = arguments::list("images", images, "a list of images")?;

@@ -7,10 +7,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use vision::colour::colour_table::TableKind;
-use vision::image::{Image, ImageView, PixelFormat, rgb_to_yuv};
+use vision::image::{Image, ImageView, PIXELS_MAX, PixelFormat, rgb_to_yuv};
 use vision::lines::detection::RejectionReason;
 use vision::objects::robots::ObstacleKind;
-use vision::{Detections, VisionConfig};
+use vision::{Detections, VisionConfig, VisionError};
 
 use crate::arguments;
 use crate::camera::camera_or_from_map;
@@ -19,19 +19,26 @@ use crate::ground_map::GroundMap;
 
 /// An image as OpenCV reads it: rows × columns (grey) or rows × columns × 3 (blue, green, red), bytes.
 ///
-/// Holds the caller's array: numpy refuses Rust's writers meanwhile, and other threads of Python must not write either.
+/// Holds the caller's array: numpy refuses Rust's writers meanwhile, and other threads of Python must not write either. An array
+/// of another order of its bytes (a slice, Fortran's order) is copied.
 pub(crate) struct ImageArgument<'py> {
     width_px: usize,
     height_px: usize,
     format: PixelFormat,
     array: PyReadonlyArrayDyn<'py, u8>,
-    /// The bytes of a slice of a larger array.
+    /// The bytes row by row, where the array has them in another order.
     packed: Option<Vec<u8>>,
 }
 
 impl<'py> ImageArgument<'py> {
-    /// `name`: the argument's, for messages.
-    pub(crate) fn new(name: &str, image: &Bound<'py, PyAny>) -> PyResult<Self> {
+    /// `name`: the argument's, for messages. `size_px`: columns and rows of the camera; without one, 64 megapixels are the limit.
+    ///
+    /// The size is checked before anything is copied: a view of one pixel may claim any size.
+    pub(crate) fn new(
+        name: &str,
+        image: &Bound<'py, PyAny>,
+        size_px: Option<[usize; 2]>,
+    ) -> PyResult<Self> {
         const EXPECTED: &str = "uint8, rows × columns × 3 (BGR) or rows × columns (grey)";
         let array = arguments::array::<u8>(name, image, EXPECTED)?;
         let (height_px, width_px, format) = match *array.shape() {
@@ -39,8 +46,22 @@ impl<'py> ImageArgument<'py> {
             [rows, columns, 3] => (rows, columns, PixelFormat::Bgr8),
             _ => return Err(arguments::invalid(name, image, EXPECTED, None)),
         };
-        let is_packed = array.as_slice().is_ok();
-        let packed = (!is_packed).then(|| array.as_array().iter().copied().collect());
+        if let Some([columns, rows]) = size_px
+            && [width_px, height_px] != [columns, rows]
+        {
+            return Err(errors::vision(&VisionError::ImageSize {
+                actual_width_px: width_px,
+                actual_height_px: height_px,
+                expected_width_px: columns,
+                expected_height_px: rows,
+            }));
+        }
+        if width_px.saturating_mul(height_px) > PIXELS_MAX {
+            let expected = format!("{EXPECTED}, at most {PIXELS_MAX} pixels");
+            return Err(arguments::invalid(name, image, &expected, None));
+        }
+        // `as_slice` alone also gives the bytes of Fortran's order, column by column.
+        let packed = (!array.is_c_contiguous()).then(|| array.as_array().iter().copied().collect());
         Ok(ImageArgument {
             width_px,
             height_px,
@@ -106,6 +127,8 @@ fn mask(mask: &Bound<'_, PyAny>, map: &vision::GroundMap) -> PyResult<Vec<bool>>
 #[pyclass(module = "mirrorball._core")]
 pub(crate) struct Vision {
     vision: vision::Vision,
+    /// Columns and rows of the map.
+    size_px: [usize; 2],
     /// Different pixels that the scan lines read.
     #[pyo3(get)]
     scan_pixels: usize,
@@ -139,32 +162,36 @@ impl Vision {
         Ok(Vision {
             scan_pixels: vision.scan_pattern().pixel_count,
             scan_coverage: vision.scan_pattern().coverage,
+            size_px: [map.width_px, map.height_px],
             vision,
         })
     }
 
     /// Takes colour classes from a learned table.
-    fn set_colour_table(&mut self, colours: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn set_colour_table(slf: &Bound<'_, Self>, colours: &Bound<'_, PyAny>) -> PyResult<()> {
         let colours: &Bound<'_, ColourTable> = arguments::instance("colours", colours)?;
-        self.vision.set_colour_table(colours.get().0.clone());
+        let mut this = arguments::exclusive(slf)?;
+        this.vision.set_colour_table(colours.get().0.clone());
         Ok(())
     }
 
     /// Discards the colour model; the next image gives a new one.
-    fn reset_colour_model(&mut self) {
-        self.vision.reset_colour_model();
+    fn reset_colour_model(slf: &Bound<'_, Self>) -> PyResult<()> {
+        arguments::exclusive(slf)?.vision.reset_colour_model();
+        Ok(())
     }
 
     /// Detections in an image: columns of numbers or texts by name.
     fn process<'py>(
-        &mut self,
+        slf: &Bound<'py, Self>,
         py: Python<'py>,
         image: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let image = ImageArgument::new("image", image)?;
-        let view = image.view();
+        let mut this = arguments::exclusive(slf)?;
+        let image = ImageArgument::new("image", image, Some(this.size_px))?;
+        let (view, vision) = (image.view(), &mut this.vision);
         let detections = py
-            .detach(|| self.vision.process(&view))
+            .detach(|| vision.process(&view))
             .map_err(|error| errors::vision(&error))?;
         detection_columns(py, &detections)
     }
@@ -399,7 +426,7 @@ impl ColourTable {
         py: Python<'py>,
         image: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<u8>>> {
-        let image = ImageArgument::new("image", image)?.to_rgb_image();
+        let image = ImageArgument::new("image", image, None)?.to_rgb_image();
         let classes: Vec<u8> = py.detach(|| {
             let pixels = image.rgb.chunks_exact(3);
             pixels

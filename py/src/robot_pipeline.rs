@@ -16,11 +16,12 @@ use crate::errors;
 use crate::scene::Field;
 use crate::settings::settings;
 
-/// A robot's pipeline: vision and localization in order.
+/// A robot's pipeline: vision and localization in order. One thread at a time.
 #[pyclass(module = "mirrorball._core")]
 pub(crate) struct Pipeline {
     pipeline: pipeline::Pipeline,
-    has_camera: bool,
+    /// Columns and rows of the camera's map.
+    image_size_px: Option<[usize; 2]>,
 }
 
 impl Pipeline {
@@ -31,12 +32,13 @@ impl Pipeline {
         config: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let config = settings(preset, config)?;
+        let camera = setup.camera.as_ref();
         let pipeline = py
             .detach(|| pipeline::Pipeline::new(setup, &config))
             .map_err(|error| errors::from_anyhow(&error))?;
         Ok(Pipeline {
             pipeline,
-            has_camera: setup.camera.is_some(),
+            image_size_px: camera.map(|(_, map)| [map.width_px, map.height_px]),
         })
     }
 }
@@ -76,56 +78,71 @@ impl Pipeline {
     }
 
     /// Motion since the previous sample, in the robot frame at that sample: forward and left (metres), turn (radians).
-    fn odometry(&mut self, stamp_s: &Bound<'_, PyAny>, motion: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn odometry(
+        slf: &Bound<'_, Self>,
+        stamp_s: &Bound<'_, PyAny>,
+        motion: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         let stamp = arguments::stamp(stamp_s)?;
         let [dx, dy, dtheta] = single(arguments::vector("motion", motion)?);
-        self.pipeline.process_sample(Sample::Odometry(Odometry {
-            stamp,
-            dx,
-            dy,
-            dtheta,
-            slip: 0.0,
-        }));
+        arguments::exclusive(slf)?
+            .pipeline
+            .process_sample(Sample::Odometry(Odometry {
+                stamp,
+                dx,
+                dy,
+                dtheta,
+                slip: 0.0,
+            }));
         Ok(())
     }
 
     /// Specific force (m/s²) and angular velocity (rad/s), robot frame.
     fn imu(
-        &mut self,
+        slf: &Bound<'_, Self>,
         stamp_s: &Bound<'_, PyAny>,
         specific_force_mps2: &Bound<'_, PyAny>,
         angular_velocity_radps: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
         let vector = |name: &str, value| arguments::vector(name, value).map(single);
-        self.pipeline.process_sample(Sample::Imu(Imu {
-            stamp: arguments::stamp(stamp_s)?,
-            specific_force: vector("specific_force_mps2", specific_force_mps2)?,
-            angular_velocity: vector("angular_velocity_radps", angular_velocity_radps)?,
-        }));
+        arguments::exclusive(slf)?
+            .pipeline
+            .process_sample(Sample::Imu(Imu {
+                stamp: arguments::stamp(stamp_s)?,
+                specific_force: vector("specific_force_mps2", specific_force_mps2)?,
+                angular_velocity: vector("angular_velocity_radps", angular_velocity_radps)?,
+            }));
         Ok(())
     }
 
     /// Direction of the robot's x axis on the field, radians; `magnetic_field`: horizontal, robot frame.
     #[pyo3(signature = (stamp_s, heading_rad, magnetic_field=None))]
     fn compass(
-        &mut self,
+        slf: &Bound<'_, Self>,
         stamp_s: &Bound<'_, PyAny>,
         heading_rad: &Bound<'_, PyAny>,
         magnetic_field: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         let field = magnetic_field.map(|field| arguments::vector("magnetic_field", field));
-        self.pipeline.process_sample(Sample::Compass(Compass {
-            stamp: arguments::stamp(stamp_s)?,
-            heading: arguments::number("heading_rad", heading_rad)? as f32,
-            magnetic_field: field.transpose()?.map(single),
-        }));
+        arguments::exclusive(slf)?
+            .pipeline
+            .process_sample(Sample::Compass(Compass {
+                stamp: arguments::stamp(stamp_s)?,
+                heading: arguments::number("heading_rad", heading_rad)? as f32,
+                magnetic_field: field.transpose()?.map(single),
+            }));
         Ok(())
     }
 
     /// Velocity commanded to the motors from `stamp_s` on: forward, left (m/s), turn (rad/s).
-    fn command(&mut self, stamp_s: &Bound<'_, PyAny>, velocity: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn command(
+        slf: &Bound<'_, Self>,
+        stamp_s: &Bound<'_, PyAny>,
+        velocity: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         let [x, y, theta] = single(arguments::vector("velocity", velocity)?);
-        self.pipeline
+        arguments::exclusive(slf)?
+            .pipeline
             .process_sample(Sample::Command(VelocityCommand {
                 stamp: arguments::stamp(stamp_s)?,
                 twist: Twist { x, y, theta },
@@ -135,7 +152,7 @@ impl Pipeline {
 
     /// Starts from a known pose with a standard deviation of x, y (metres) and θ (radians).
     fn set_pose(
-        &mut self,
+        slf: &Bound<'_, Self>,
         stamp_s: &Bound<'_, PyAny>,
         pose: &Bound<'_, PyAny>,
         std: &Bound<'_, PyAny>,
@@ -152,34 +169,34 @@ impl Pipeline {
             ));
         }
         let covariance = Matrix3::from_diagonal(&deviations.map(|value| value * value).into());
-        self.pipeline
+        arguments::exclusive(slf)?
+            .pipeline
             .set_pose(stamp, Pose::new(x, y, theta), &covariance);
         Ok(())
     }
 
     /// An image: rows × columns × 3 (blue, green, red) or rows × columns (grey), bytes.
     fn image(
-        &mut self,
+        slf: &Bound<'_, Self>,
         py: Python<'_>,
         stamp_s: &Bound<'_, PyAny>,
         image: &Bound<'_, PyAny>,
     ) -> PyResult<Cycle> {
         let stamp = arguments::stamp(stamp_s)?;
-        if !self.has_camera {
+        let mut this = arguments::exclusive(slf)?;
+        let Some(size_px) = this.image_size_px else {
             return Err(PyValueError::new_err(
                 "an image, but the robot has no [camera] (expected points)",
             ));
-        }
-        let image = ImageArgument::new("image", image)?;
-        let view = image.view();
-        Ok(Cycle(
-            py.detach(|| self.pipeline.process_pixels(stamp, &view)),
-        ))
+        };
+        let image = ImageArgument::new("image", image, Some(size_px))?;
+        let (view, pipeline) = (image.view(), &mut this.pipeline);
+        Ok(Cycle(py.detach(|| pipeline.process_pixels(stamp, &view))))
     }
 
     /// Line points of another vision system: n × 2 (x, y) or n × 4 (and standard deviations, radial and tangential).
     fn points(
-        &mut self,
+        slf: &Bound<'_, Self>,
         py: Python<'_>,
         stamp_s: &Bound<'_, PyAny>,
         points: &Bound<'_, PyAny>,
@@ -200,8 +217,10 @@ impl Pipeline {
             std_tangential: row.get(3).copied().unwrap_or(std_m),
         };
         let points = values.chunks_exact(columns).map(line_point).collect();
-        Ok(Cycle(py.detach(|| {
-            self.pipeline.process_line_points(stamp, points)
-        })))
+        let mut this = arguments::exclusive(slf)?;
+        let pipeline = &mut this.pipeline;
+        Ok(Cycle(
+            py.detach(|| pipeline.process_line_points(stamp, points)),
+        ))
     }
 }

@@ -57,48 +57,56 @@ impl Simulation {
 
     /// Length of the run, seconds.
     #[getter]
-    fn duration_s(&self) -> f64 {
-        self.0.duration()
+    fn duration_s(slf: &Bound<'_, Self>) -> PyResult<f64> {
+        Ok(arguments::exclusive(slf)?.0.duration())
     }
 
     /// Seconds since the start.
     #[getter]
-    fn time_s(&self) -> f64 {
-        self.0.sim().time()
+    fn time_s(slf: &Bound<'_, Self>) -> PyResult<f64> {
+        Ok(arguments::exclusive(slf)?.0.sim().time())
     }
 
     /// Name and numbers of the next sample: ("odometry", stamp_s, …). Also beyond the end of the run.
-    fn next_sample<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let sample = py.detach(|| self.0.next_sample());
+    fn next_sample<'py>(slf: &Bound<'py, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let mut this = arguments::exclusive(slf)?;
+        let simulation = &mut this.0;
+        let sample = py.detach(|| simulation.next_sample());
         sample_tuple(py, sample)
     }
 
     /// Drives with this velocity: forward, left (m/s), turn (rad/s). None: along the scenario's path.
-    fn command(&mut self, velocity: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+    fn command(slf: &Bound<'_, Self>, velocity: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let velocity = velocity.map(|velocity| vector_within("velocity", velocity, FASTEST));
         let velocity = velocity.transpose()?.map(single);
         let twist = velocity.map(|[x, y, theta]| Twist { x, y, theta });
-        self.0.sim_mut().set_command(twist);
+        arguments::exclusive(slf)?.0.sim_mut().set_command(twist);
         Ok(())
     }
 
     /// Moves the robot to a pose, at rest.
-    fn kidnap(&mut self, pose: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn kidnap(slf: &Bound<'_, Self>, pose: &Bound<'_, PyAny>) -> PyResult<()> {
         let [x, y, theta] = single(vector_within("pose", pose, FARTHEST)?);
-        self.0.sim_mut().kidnap(Pose::new(x, y, theta));
+        arguments::exclusive(slf)?
+            .0
+            .sim_mut()
+            .kidnap(Pose::new(x, y, theta));
         Ok(())
     }
 
     /// Pushes the robot: an impulse on the field, N s.
-    fn push(&mut self, impulse: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn push(slf: &Bound<'_, Self>, impulse: &Bound<'_, PyAny>) -> PyResult<()> {
         let impulse = single(vector_within("impulse", impulse, STRONGEST)?);
-        self.0.sim_mut().apply_impulse(impulse);
+        arguments::exclusive(slf)?
+            .0
+            .sim_mut()
+            .apply_impulse(impulse);
         Ok(())
     }
 
     /// Places the ball on the field (metres) with a velocity (m/s), its lowest point at a height.
     fn place_ball(
-        &mut self,
+        slf: &Bound<'_, Self>,
         position: &Bound<'_, PyAny>,
         velocity: &Bound<'_, PyAny>,
         height: &Bound<'_, PyAny>,
@@ -109,49 +117,68 @@ impl Simulation {
             arguments::number_within("vertical_velocity", vertical_velocity, -100.0..=100.0)?;
         let [x, y] = single(vector_within("position", position, FARTHEST)?);
         let velocity = single(vector_within("velocity", velocity, FASTEST)?);
-        self.0.sim_mut().set_ball_state(&BallState {
-            at: At::new(x, y),
-            velocity,
-            height,
-            vertical_velocity: speed as f32,
-        });
+        arguments::exclusive(slf)?
+            .0
+            .sim_mut()
+            .set_ball_state(&BallState {
+                at: At::new(x, y),
+                velocity,
+                height,
+                vertical_velocity: speed as f32,
+            });
         Ok(())
     }
 
     /// Moves another robot to a pose, at rest; `index` as in the truth.
-    fn place_robot(&mut self, index: &Bound<'_, PyAny>, pose: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn place_robot(
+        slf: &Bound<'_, Self>,
+        index: &Bound<'_, PyAny>,
+        pose: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         let [x, y, theta] = single(vector_within("pose", pose, FARTHEST)?);
-        let count = self.0.sim().truth().others.len() as u64;
+        let count = arguments::exclusive(slf)?.0.sim().truth().others.len() as u64;
         if count == 0 {
             let message = "invalid index: the scenario has no other robot";
             return Err(PyValueError::new_err(message));
         }
         let index = arguments::whole("index", index, 0..=count - 1)? as usize;
-        self.0.sim_mut().place_other(index, Pose::new(x, y, theta));
+        arguments::exclusive(slf)?
+            .0
+            .sim_mut()
+            .place_other(index, Pose::new(x, y, theta));
         Ok(())
     }
 
     /// Light on the field in place of the scenario's, 1 = normal. None: the scenario's again.
-    fn set_light(&mut self, level: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+    fn set_light(slf: &Bound<'_, Self>, level: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let level = level.map(|level| arguments::number_within("level", level, 0.0..=100.0));
         let level = level.transpose()?.map(|level| level as f32);
-        self.0.sim_mut().set_light_level(level);
+        arguments::exclusive(slf)?
+            .0
+            .sim_mut()
+            .set_light_level(level);
         Ok(())
     }
 
     /// Exposure and gain of the camera from the next image on.
-    fn set_camera(&mut self, exposure: &Bound<'_, PyAny>, gain: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn set_camera(
+        slf: &Bound<'_, Self>,
+        exposure: &Bound<'_, PyAny>,
+        gain: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
         let exposure = arguments::positive("exposure", exposure)?;
         let gain = arguments::positive("gain", gain)?;
-        self.0.set_camera(exposure as f32, gain as f32);
+        arguments::exclusive(slf)?
+            .0
+            .set_camera(exposure as f32, gain as f32);
         Ok(())
     }
 
     /// Sets the camera as the exposure control of a cycle's pipeline asks, with the delay of a real camera.
-    fn apply_camera_command(&mut self, cycle: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn apply_camera_command(slf: &Bound<'_, Self>, cycle: &Bound<'_, PyAny>) -> PyResult<()> {
         let cycle: &Bound<'_, Cycle> = arguments::instance("cycle", cycle)?;
         if let Some(command) = cycle.get().0.camera_command() {
-            self.0.command_camera(command);
+            arguments::exclusive(slf)?.0.command_camera(command);
         }
         Ok(())
     }
@@ -159,12 +186,12 @@ impl Simulation {
     /// The pipeline of the simulated robot.
     #[pyo3(signature = (*, preset, config=None))]
     fn pipeline(
-        &self,
+        slf: &Bound<'_, Self>,
         py: Python<'_>,
         preset: &Bound<'_, PyAny>,
         config: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Pipeline> {
-        let setup = self
+        let setup = arguments::exclusive(slf)?
             .0
             .setup()
             .map_err(|error| errors::from_anyhow(&error))?;

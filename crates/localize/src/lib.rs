@@ -22,6 +22,7 @@
 
 pub mod fixed_array;
 pub mod frames;
+pub mod input_file;
 pub mod math;
 pub mod random;
 pub mod robot;

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 
+use crate::input_file;
+
 /// Why a file cannot be read as a value.
 #[derive(Debug, thiserror::Error)]
 pub enum TomlFileError {
@@ -42,7 +44,7 @@ impl TomlFileError {
 
 /// Reads a file as a value; also returns its text, for the lines of later errors.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<(T, String), TomlFileError> {
-    let text = std::fs::read_to_string(path).map_err(|source| TomlFileError::Read {
+    let text = input_file::read_text(path).map_err(|source| TomlFileError::Read {
         path: path.to_owned(),
         source,
     })?;

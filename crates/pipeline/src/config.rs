@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow};
 use localize::config::{LocalizeConfig, SettingError};
+use localize::input_file;
 use localize::team::TeamConfig;
 use localize::toml_location::key_location;
 use localize::world::WorldConfig;
@@ -56,7 +57,7 @@ impl PipelineConfig {
         let Some(path) = overlay else {
             return Ok(base);
         };
-        let text = std::fs::read_to_string(path)
+        let text = input_file::read_text(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let file = path.display();
         let overlay: toml::Table = toml::from_str(&text).with_context(|| file.to_string())?;

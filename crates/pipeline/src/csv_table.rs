@@ -1,16 +1,53 @@
 //! How is a CSV file of a recording read and written? By column name. Errors name file, line and reason.
 
-use std::io::Write;
+use std::cell::Cell;
+use std::fs::File;
+use std::io::{Error, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 use anyhow::{Context, Result, bail, ensure};
+use localize::input_file;
 use vision::output_file::OutputFile;
+
+/// Largest table, bytes: four hours of wheels at 1 kHz.
+const TABLE_BYTES_MAX: u64 = 1 << 30;
+
+/// Longest record, bytes: an open quotation mark makes one record of all that follows.
+const RECORD_BYTES_MAX: usize = 1 << 20;
 
 /// A CSV file in memory: its rows with their line numbers.
 pub struct CsvTable {
     path: PathBuf,
     columns: Vec<String>,
     rows: Vec<(u64, csv::StringRecord)>,
+}
+
+/// A table's file, which ends with an error where it or one of its records is too long.
+struct LimitedInput {
+    file: File,
+    bytes: u64,
+    /// Bytes since the reader's last complete record; the reader buffers some more.
+    since_record: Rc<Cell<usize>>,
+}
+
+impl Read for LimitedInput {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let read = self.file.read(buffer)?;
+        self.bytes += read as u64;
+        self.since_record.set(self.since_record.get() + read);
+        let too_long = |what: &str, most: u64| {
+            let reason = format!("{what} is longer than {most} bytes");
+            Err(Error::new(ErrorKind::InvalidData, reason))
+        };
+        if self.bytes > TABLE_BYTES_MAX {
+            return too_long("the table", TABLE_BYTES_MAX);
+        }
+        if self.since_record.get() > RECORD_BYTES_MAX {
+            return too_long("a record", RECORD_BYTES_MAX as u64);
+        }
+        Ok(read)
+    }
 }
 
 /// One row of a table, read by column name.
@@ -24,14 +61,22 @@ pub struct CsvRow<'a> {
 impl CsvTable {
     /// Reads a file that has at least the named columns, in any order.
     pub fn read(path: &Path, required: &[&str]) -> Result<Self> {
+        let file =
+            input_file::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let since_record = Rc::default();
+        let input = LimitedInput {
+            file,
+            bytes: 0,
+            since_record: Rc::clone(&since_record),
+        };
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .comment(Some(b'#'))
-            .from_path(path)
-            .with_context(|| format!("cannot read {}", path.display()))?;
+            .from_reader(input);
         let header = reader
             .headers()
-            .with_context(|| format!("{}: line 1", path.display()))?;
+            .map_err(|error| anyhow::anyhow!("{}: line 1: {}", path.display(), reason(&error)))?;
+        since_record.set(0);
         let columns: Vec<String> = header
             .iter()
             .map(|name| name.trim_start_matches('\u{feff}').to_owned())
@@ -51,6 +96,7 @@ impl CsvTable {
                 let line = error.position().map_or(0, csv::Position::line);
                 anyhow::anyhow!("{}: line {line}: {}", path.display(), reason(&error))
             })?;
+            since_record.set(0);
             rows.push((record.position().map_or(0, csv::Position::line), record));
         }
         Ok(CsvTable {
@@ -77,6 +123,7 @@ fn reason(error: &csv::Error) -> String {
         } => {
             format!("has {len} fields, the header has {expected_len}")
         }
+        csv::ErrorKind::Io(error) => error.to_string(),
         csv::ErrorKind::Utf8 { .. } => "is not UTF-8 text".to_owned(),
         _ => error.to_string(),
     }
@@ -201,6 +248,39 @@ mod tests {
         assert!(
             message.contains("line 3: has 1 fields, the header has 2"),
             "{message}"
+        );
+    }
+
+    #[test]
+    fn record_that_does_not_end_is_refused() {
+        let (_folder, path) = file("stamp_s,dx_m\n0.0,0.1\n0.1,\"");
+        let mut text = std::fs::read_to_string(&path).expect("read");
+        text.push_str(&"0.2,0.1\n".repeat(1 << 18));
+        std::fs::write(&path, text).expect("written");
+        let error = CsvTable::read(&path, &["stamp_s"]).err().expect("endless");
+        let message = error.to_string();
+        assert!(
+            message.ends_with("a record is longer than 1048576 bytes"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn table_of_many_short_records_is_read() {
+        let rows = 1 << 18;
+        let (_folder, path) = file(&format!("stamp_s\n{}", "0.125\n".repeat(rows)));
+        let table = CsvTable::read(&path, &["stamp_s"]).expect("a table");
+        assert_eq!(table.rows().count(), rows);
+    }
+
+    #[test]
+    fn endless_device_is_no_table() {
+        let error = CsvTable::read(Path::new("/dev/zero"), &[])
+            .err()
+            .expect("endless");
+        assert_eq!(
+            format!("{error:#}"),
+            "cannot read /dev/zero: not a regular file"
         );
     }
 

@@ -39,6 +39,8 @@ pub struct Recording {
     pub objects: BTreeMap<Stamp, Vec<GroundTruthObject>>,
     events: std::vec::IntoIter<RecordedSample>,
     frames: usize,
+    /// Tables of which only one is used.
+    notice: Option<String>,
 }
 
 /// A table of a recording.
@@ -101,6 +103,12 @@ impl Recording {
                 folder.display()
             );
         }
+        let notice = (points.exists() && images.exists()).then(|| {
+            format!(
+                "{} has points.csv and frames.csv: the line points of points.csv are used, and no image is",
+                folder.display()
+            )
+        });
         let frames = events.len();
         if frames == 0 {
             bail!(
@@ -168,7 +176,13 @@ impl Recording {
             objects,
             events: events.into_iter(),
             frames,
+            notice,
         })
+    }
+
+    /// Which table is used where another one is not.
+    pub fn notice(&self) -> Option<&str> {
+        self.notice.as_deref()
     }
 
     /// Number of images (or of sets of line points).

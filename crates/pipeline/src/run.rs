@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
+use localize::input_file::{self, TEXT_BYTES_MAX};
 use serde::Serialize;
 use sim::scenario::Scenario;
 use vision::config::ObjectDetectionConfig;
@@ -284,10 +285,10 @@ pub fn scenario_files(scenario: &Path) -> Result<Vec<PathBuf>> {
 /// The images that a list of labelled pixels names in its first column.
 fn labelled_images(labels: &Path) -> Result<Vec<PathBuf>> {
     let place = || format!("cannot read {}", labels.display());
+    let text = input_file::read(labels, TEXT_BYTES_MAX).with_context(place)?;
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
-        .from_path(labels)
-        .with_context(place)?;
+        .from_reader(text.as_slice());
     let folder = labels.parent().unwrap_or(Path::new(""));
     let mut images = BTreeSet::new();
     for record in reader.records() {
@@ -379,6 +380,11 @@ impl RecordingRun {
     /// What the check of the set-up found.
     pub fn setup_report(&self) -> &SetupReport {
         &self.report
+    }
+
+    /// Which table of the folder is used where another one is not.
+    pub fn notice(&self) -> Option<&str> {
+        self.recording.notice()
     }
 
     /// Frames in the folder.

@@ -9,6 +9,7 @@ use anyhow::{Context, Result};
 use localize::Field;
 use localize::advice::{Advice, MotionAdvice};
 use localize::omni::Twist;
+use localize::input_file;
 use localize::robot::CameraControl;
 use localize::robot::RobotConfig;
 use sim::scenario::PathConfig;
@@ -247,7 +248,7 @@ pub fn load_scenario_with_overrides(
         return Ok((scenario, robot));
     }
     let text =
-        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        input_file::read_text(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut table: toml::Table =
         toml::from_str(&text).with_context(|| path.display().to_string())?;
     merge_tables(&mut table, overrides.clone());

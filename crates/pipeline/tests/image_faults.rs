@@ -135,6 +135,21 @@ fn black_image_and_lens_cap_are_named() -> Result<()> {
 }
 
 #[test]
+fn image_of_another_size_is_named_with_both_sizes() -> Result<()> {
+    assert_named(
+        "demo.toml",
+        "wrong image size: 320 × 240 pixels",
+        |image, _, _| {
+            *image = Image {
+                width_px: 320,
+                height_px: 240,
+                rgb: image.rgb[..3 * 320 * 240].to_vec(),
+            };
+        },
+    )
+}
+
+#[test]
 fn switched_off_light_with_full_gain_is_named() -> Result<()> {
     let mut seed = 7;
     // Noise of a high gain around a dark grey: no longer dark, but without content.

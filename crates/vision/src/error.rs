@@ -29,6 +29,19 @@ pub enum VisionError {
         /// Rows of the map.
         expected_height_px: usize,
     },
+    /// The rim of robot.toml leaves no ground to scan.
+    #[error(
+        "camera.outer_radius_px = {outer_radius_px}: no ground within the mirror's rim is farther than vision.scan.range_min = {range_min} m \
+         (farthest: {farthest:.3} m)"
+    )]
+    RimTooSmall {
+        /// The setting, pixels.
+        outer_radius_px: f32,
+        /// Farthest ground within the rim, metres.
+        farthest: f32,
+        /// Where scan lines begin, metres.
+        range_min: f32,
+    },
     /// An image holds fewer bytes than its size and format need.
     #[error("truncated image: {actual_bytes} bytes (expected {expected_bytes})")]
     Truncated {

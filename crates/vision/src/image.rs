@@ -6,6 +6,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use localize::input_file;
 
 use crate::error::VisionError;
 use crate::output_file::OutputFile;
@@ -14,6 +15,9 @@ pub(crate) use pixel_batch::{OUTSIDE, load_pixel};
 
 /// Largest accepted image or map, pixels. Larger ones are refused before they are unpacked.
 pub const PIXELS_MAX: usize = 64 * 1024 * 1024;
+
+/// Largest file of an image: the pixels in three colours, and some text.
+const FILE_BYTES_MAX: u64 = 3 * PIXELS_MAX as u64 + (1 << 20);
 /// Largest accepted width or height, pixels. Decoders are slow on millions of short rows.
 const SIDE_MAX: u32 = 32_768;
 
@@ -247,11 +251,8 @@ impl Image {
             path: path.to_owned(),
             reason,
         };
-        // Reading a pipe without a writer would block for ever.
-        if path.exists() && !path.is_file() {
-            return Err(refuse("not a regular file".to_owned()));
-        }
-        let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+        let bytes =
+            input_file::read(path, FILE_BYTES_MAX).map_err(|error| refuse(error.to_string()))?;
         if is_truncated_jpeg(&bytes) {
             return Err(refuse("truncated JPEG (no end mark)".to_owned()));
         }

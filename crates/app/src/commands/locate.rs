@@ -69,6 +69,9 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         config: PipelineConfig::load(&args.preset, args.config.as_deref())?,
         external_point_std: EXTERNAL_POINT_STD,
     })?;
+    if let Some(notice) = run.notice() {
+        eprintln!("note: {notice}");
+    }
     for warning in &run.setup_report().warnings {
         eprintln!("warning: {warning}");
     }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use localize::input_file;
 use localize::presets::PRESETS;
 use localize::synthetic::team_ball::ROBOTS;
 use serde::Deserialize;
@@ -276,7 +277,7 @@ pub(crate) struct Landscape {
 impl Experiment {
     /// Reads an experiment and makes its paths relative to the working folder.
     pub(crate) fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
+        let text = input_file::read_text(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let mut experiment: Experiment =
             toml::from_str(&text).with_context(|| path.display().to_string())?;

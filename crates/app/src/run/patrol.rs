@@ -7,6 +7,7 @@ use anyhow::{Context, Result, ensure};
 use hw::base::MotionCommand;
 use localize::Pose;
 use localize::frames::wrap_angle;
+use localize::input_file;
 use localize::omni::Twist;
 use serde::Deserialize;
 
@@ -65,7 +66,7 @@ struct Waypoint {
 impl Patrol {
     /// Reads a patrol file.
     pub(crate) fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
+        let text = input_file::read_text(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let patrol: Patrol = toml::from_str(&text).with_context(|| path.display().to_string())?;
         ensure!(

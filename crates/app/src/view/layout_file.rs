@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use egui_tiles::Tree;
+use localize::input_file;
 use serde::{Deserialize, Serialize};
 use vision::output_file::write_file;
 
@@ -69,7 +70,7 @@ impl SavedLayout {
 
     /// Reads a layout file.
     pub(crate) fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
+        let text = input_file::read_text(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let saved: SavedLayout = serde_json::from_str(&text)
             .with_context(|| format!("{}: not a layout of this version", path.display()))?;

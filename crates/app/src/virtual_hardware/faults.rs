@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
+use localize::input_file;
 use serde::{Deserialize, Serialize};
 
 /// A fault plan.
@@ -81,7 +82,7 @@ pub(super) struct FaultInterval {
 impl FaultPlan {
     /// Reads a plan.
     pub(super) fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
+        let text = input_file::read_text(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let plan: FaultPlan = toml::from_str(&text).with_context(|| path.display().to_string())?;
         for fault in &plan.faults {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use localize::input_file;
 use localize::robot::{CameraSection, MapConfig, RobotConfig};
 use vision::GroundMap;
 use vision::colour::colour_table::ColourTable;
@@ -12,6 +13,9 @@ use vision::output_file::write_file;
 use super::encoded_image::ImageCompression;
 use super::schema::{FORMAT_VERSION, PROJECT_NAME, wire};
 use crate::config::{PIPELINE_FILE, translate};
+
+/// Largest file of a robot that a log takes, bytes.
+const FILE_BYTES_MAX: u64 = 1 << 30;
 
 /// Name of the settings file in logs of version 0.1.0.
 const OLD_PIPELINE_FILE: &str = "spine.toml";
@@ -115,7 +119,8 @@ impl Header {
         colours: Option<&ColourTable>,
     ) -> Result<Self> {
         let read = |path: &Path| {
-            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
+            input_file::read(path, FILE_BYTES_MAX)
+                .with_context(|| format!("cannot read {}", path.display()))
         };
         let mut stored = robot.clone();
         let mut header = self.with_file("field.toml", read(&robot.field)?);

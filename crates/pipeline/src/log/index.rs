@@ -4,13 +4,13 @@
 //! opened by its summary. A truncated file is scanned once, from chunk to chunk by their lengths.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail, ensure};
 use localize::Stamp;
+use localize::input_file;
 use mcap::records::{Record, op};
 use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions};
 use prost::Message;
@@ -258,7 +258,7 @@ impl LogIndex {
     fn read_chunk_messages(&self, part: usize) -> Result<Vec<(String, u64, Vec<u8>)>> {
         let part = self.chunks.get(part).context("no such chunk")?;
         let broken = || format!("{}: the chunk at byte {}", self.path.display(), part.offset);
-        let mut file = File::open(&self.path)
+        let mut file = input_file::open(&self.path)
             .with_context(|| format!("cannot read {}", self.path.display()))?;
         file.seek(SeekFrom::Start(part.offset))
             .with_context(broken)?;
@@ -348,7 +348,7 @@ fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
 
 /// Reads the summary at the end of a complete file.
 pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
-    let mut file = BufReader::new(File::open(path)?);
+    let mut file = BufReader::new(input_file::open(path)?);
     let size = file.get_ref().metadata()?.len();
     let options = SummaryReaderOptions::default()
         .with_file_size(size)
@@ -370,7 +370,7 @@ pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
 
 /// Finds the complete chunks of a file without a summary. Skips from record to record by their lengths.
 pub(super) fn scan_chunks(path: &Path) -> Result<Vec<ChunkInfo>> {
-    let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let file = input_file::open(path).with_context(|| format!("cannot read {}", path.display()))?;
     let size = file.metadata()?.len();
     let mut file = BufReader::new(file);
     let mut offset = mcap::MAGIC.len() as u64;

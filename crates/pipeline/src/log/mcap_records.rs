@@ -7,6 +7,7 @@ use std::io::{BufReader, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, ensure};
+use localize::input_file;
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -55,12 +56,15 @@ pub(super) struct RecordReader {
     offset: u64,
     chunk: VecDeque<Record<'static>>,
     end: Option<LogCompleteness>,
+    /// Opcode of the record within which the file ended.
+    cut_record: Option<u8>,
 }
 
 impl RecordReader {
     /// Opens an MCAP file.
     pub(super) fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let file =
+            input_file::open(path).with_context(|| format!("cannot read {}", path.display()))?;
         let mut file = BufReader::new(file);
         let mut magic = Vec::new();
         (&mut file)
@@ -75,12 +79,18 @@ impl RecordReader {
             offset,
             chunk: VecDeque::new(),
             end: None,
+            cut_record: None,
         })
     }
 
     /// How the file ended. None before the end is read.
     pub(super) fn end(&self) -> Option<LogCompleteness> {
         self.end
+    }
+
+    /// True if the file ended within an attachment: a file of the run's set-up.
+    pub(super) fn is_cut_within_attachment(&self) -> bool {
+        self.cut_record == Some(op::ATTACHMENT)
     }
 
     /// The next record, None at the end. After an error for a damaged part, reading can continue.
@@ -134,7 +144,11 @@ impl RecordReader {
         let read = (&mut self.file).take(length).read_to_end(&mut body);
         let read = read.map_err(|error| self.io_damage(&error))?;
         self.offset += (RECORD_HEADER_BYTES + read) as u64;
-        Ok((read as u64 == length).then_some((opcode, body)))
+        if read as u64 != length {
+            self.cut_record = Some(opcode);
+            return Ok(None);
+        }
+        Ok(Some((opcode, body)))
     }
 
     fn fill(&mut self, bytes: &mut [u8]) -> Result<bool, DamagedRange> {

@@ -15,6 +15,7 @@ use super::mcap_records::{LogCompleteness, RecordReader};
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
 };
+use crate::csv_table::format_seconds;
 use crate::cycle::Cycle;
 use crate::sample::{CameraImage, ImageContent, Sample, SettingsChange};
 
@@ -158,6 +159,13 @@ impl LogReader {
                 other => break other,
             }
         };
+        if stream.is_cut_within_attachment() {
+            bail!(
+                "{} is truncated within the files of its set-up, before its first image: nothing can be read of it. \
+                 Copy the log again",
+                path.display()
+            );
+        }
         let Some(header) = about else {
             bail!(
                 "{} is an MCAP file, but no log of mirrorball",
@@ -237,7 +245,7 @@ impl Iterator for LogReader {
             Some(until) => format!(
                 "{}: after the cycle at {} s",
                 self.path.display(),
-                until.seconds()
+                format_seconds(until)
             ),
             None => format!("{}: before its first cycle", self.path.display()),
         });

@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use localize::input_file::{self, TEXT_BYTES_MAX};
 use localize::math;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -53,6 +54,9 @@ pub struct Label {
 /// Magic bytes of the file.
 const MAGIC: &[u8; 8] = b"MBCOLOUR";
 
+/// Largest file: 16 MiB of classes, and names.
+const FILE_BYTES_MAX: u64 = 17 << 20;
+
 /// Version of the file format.
 const VERSION: u32 = 1;
 
@@ -71,10 +75,10 @@ pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
         path: path.to_owned(),
         reason,
     };
+    let text = input_file::read(path, TEXT_BYTES_MAX).map_err(|error| refuse(error.to_string()))?;
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
-        .from_path(path)
-        .map_err(|error| refuse(error.to_string()))?;
+        .from_reader(text.as_slice());
     let header = reader
         .headers()
         .map_err(|error| refuse(error.to_string()))?;
@@ -239,7 +243,8 @@ impl ColourTable {
             path: path.to_owned(),
             reason,
         };
-        let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+        let bytes =
+            input_file::read(path, FILE_BYTES_MAX).map_err(|error| refuse(error.to_string()))?;
         ColourTable::from_bytes(&bytes).map_err(refuse)
     }
 

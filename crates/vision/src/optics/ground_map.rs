@@ -5,6 +5,7 @@ use std::io::{BufReader, Cursor, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use localize::frames::{At, RobotFrame};
+use localize::input_file;
 use localize::math;
 use npyz::{NpyFile, WriteOptions, WriterBuilder};
 use zip::write::SimpleFileOptions;
@@ -67,6 +68,20 @@ impl GroundMap {
     pub(crate) fn nearest_ground(&self) -> f32 {
         let ranges = self.x.iter().zip(&self.y).map(|(x, y)| math::hypot(*x, *y));
         ranges.fold(f32::INFINITY, f32::min)
+    }
+
+    /// Distance of the farthest ground within a circle of the image (pixels), metres; 0 if none is shown there.
+    pub(crate) fn farthest_ground_within(&self, [cu, cv]: [f32; 2], radius_px: f32) -> f32 {
+        let within = |index: usize| {
+            let (u, v) = (index % self.width_px, index / self.width_px);
+            math::hypot(u as f32 - cu, v as f32 - cv) <= radius_px
+        };
+        let shown = self.x.iter().zip(&self.y).enumerate();
+        let ranges = shown.filter(|(index, _)| within(*index));
+        // `max` passes over NaN.
+        ranges.fold(0.0, |farthest, (_, (x, y))| {
+            f32::max(farthest, math::hypot(*x, *y))
+        })
     }
 
     /// Ground point of the pixel's centre.
@@ -140,7 +155,7 @@ impl GroundMap {
             path: path.to_owned(),
             source,
         };
-        let reader = BufReader::new(File::open(path).map_err(file)?);
+        let reader = BufReader::new(input_file::open(path).map_err(file)?);
         let mut archive = ZipArchive::new(reader).map_err(|error| file(error.into()))?;
         let (x, shape) = read_array(&mut archive, path, "x_m", shape)?;
         let (y, [height_px, width_px]) =

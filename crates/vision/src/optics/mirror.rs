@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use localize::input_file::{self, TEXT_BYTES_MAX};
+
 /// A mirror of revolution about the camera's axis: height above the ground over radius.
 ///
 /// ```
@@ -115,10 +117,10 @@ impl Profile {
             line,
             reason,
         };
+        let text = input_file::read(path, TEXT_BYTES_MAX).map_err(|error| read(error.into()))?;
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
-            .from_path(path)
-            .map_err(read)?;
+            .from_reader(text.as_slice());
         let header = reader.headers().map_err(read)?;
         if header.iter().ne(["radius_m", "height_m"]) {
             let found = header.iter().collect::<Vec<_>>().join(",");

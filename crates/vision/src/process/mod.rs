@@ -118,6 +118,16 @@ impl Vision {
             .check("line_width", f64::from(line_width))?;
         let pattern = ScanPattern::new(map, camera, mask, line_width, &config.scan);
         if pattern.samples.is_empty() {
+            if let Some(rim) = camera.outer_radius_px {
+                let farthest = map.farthest_ground_within(camera.centre_px, rim);
+                if farthest < config.scan.range_min {
+                    return Err(VisionError::RimTooSmall {
+                        outer_radius_px: rim,
+                        farthest,
+                        range_min: config.scan.range_min,
+                    });
+                }
+            }
             return Err(SettingError {
                 key: "vision.scan.range_max".to_owned(),
                 value: f64::from(config.scan.range_max),

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use localize::input_file;
 use serde::{Deserialize, Serialize};
 use vision::output_file::write_file;
 
@@ -74,7 +75,7 @@ pub(super) struct FigureComparison {
 impl Baseline {
     /// Reads what `bench --save` or `bench --json` wrote.
     pub(super) fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
+        let text = input_file::read_text(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         serde_json::from_str(&text).with_context(|| path.display().to_string())
     }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use localize::input_file;
 use localize::robot::{CameraConfig, RobotConfig};
 use serde::Serialize;
 use vision::calibrate::{ImageResidual, Strip, calibrate_strip, fit_mount};
@@ -94,8 +95,8 @@ pub(crate) fn calibrate_map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidua
     let robot = RobotConfig::load(&robot_file)?;
     let camera = camera_of(&robot, &robot_file)?;
     let path = args.dir.join("strip.toml");
-    let text = std::fs::read_to_string(&path)
-        .with_context(|| format!("cannot read {}", path.display()))?;
+    let text =
+        input_file::read_text(&path).with_context(|| format!("cannot read {}", path.display()))?;
     let strip: Strip = toml::from_str(&text).with_context(|| path.display().to_string())?;
     let images = load_strip_images(&args.dir)?;
     let calibration = calibrate_strip(&camera, &strip, &images)

@@ -15,12 +15,12 @@ mod topic;
 mod value;
 
 use std::collections::{BTreeMap, HashMap};
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use localize::input_file;
 use mcap::records::{Record, op};
 
 use super::index::{read_summary, scan_chunks};
@@ -378,7 +378,7 @@ impl TopicReader {
             place(),
             chunk.length
         );
-        let mut file = File::open(&self.path)
+        let mut file = input_file::open(&self.path)
             .with_context(|| format!("cannot read {}", self.path.display()))?;
         file.seek(SeekFrom::Start(chunk.offset))
             .with_context(place)?;

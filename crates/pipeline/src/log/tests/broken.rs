@@ -65,6 +65,11 @@ fn damaged_log_reports_the_offset_and_recover_skips_the_damage() {
         message.contains("is damaged at byte") && message.contains("mirrorball recover"),
         "{message}"
     );
+    // The stamp as it was written: 0.3, not 0.30000000000000004.
+    let (_, rest) = message.split_once("after the cycle at ").expect("a stamp");
+    let (stamp, _) = rest.split_once(" s").expect("a stamp");
+    let decimals = stamp.split_once('.').expect("decimals").1.len();
+    assert!((3..=9).contains(&decimals), "{message}");
     let recovered = recover(&path, &whole).expect("recovered");
     assert_eq!(recovered.lost.len(), 1);
     let indices: Vec<u64> = read(&whole).iter().map(|logged| logged.index).collect();
@@ -72,6 +77,27 @@ fn damaged_log_reports_the_offset_and_recover_skips_the_damage() {
         indices.len() > 200 && indices.last() == Some(&299),
         "{} cycles",
         indices.len()
+    );
+}
+
+#[test]
+fn log_that_ends_within_a_file_of_its_set_up_is_called_truncated() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    record(&path, 3, &LogConfig::default());
+    let bytes = std::fs::read(&path).expect("bytes");
+    let name = b"robot.toml";
+    let file = bytes
+        .windows(name.len())
+        .position(|window| window == name)
+        .expect("an attachment");
+    std::fs::write(&path, &bytes[..file + name.len() + 5]).expect("cut");
+    let error = LogReader::open(&path).err().expect("cut");
+    assert!(
+        error
+            .to_string()
+            .contains("is truncated within the files of its set-up"),
+        "{error:#}"
     );
 }
 
