@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use localize::Field;
 use localize::config::LocalizeConfig;
 use localize::field::FieldConfig;
-use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain, refine};
-use localize::{Field, math};
+use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain};
 use rayon::prelude::*;
 
 use super::change::Change;
@@ -51,7 +51,7 @@ pub(super) struct Assessment {
 /// Most changes on top of each other.
 const CHANGES_MAX: usize = 3;
 /// Keyframes for the first selection of a field's size; the best sizes are then compared on all.
-const SCAN_KEYFRAMES: usize = 12;
+pub(super) const SCAN_KEYFRAMES: usize = 12;
 /// Steps of a field's size, metres: half of the first is within the matcher's reach.
 const SIZE_STEPS: [f32; 3] = [0.5, 0.2, 0.05];
 /// Range of a field's size against the configured one.
@@ -60,19 +60,19 @@ const SIZE_RANGE: (f32, f32) = (0.5, 2.0);
 const POINTS_FINE: f32 = 0.93;
 /// Share of wheel steps or compass readings above which they agree.
 const SENSORS_FINE: f32 = 0.9;
-/// Steps of the mirror's centre, pixels.
-const CENTRE_STEPS: [f32; 4] = [4.0, 2.0, 1.0, 0.5];
-/// A smaller shift of the centre is no mistake, pixels.
-const CENTRE_MIN: f32 = 1.5;
 /// A smaller change of a field's size is no mistake: shares of the size.
 const SIZE_MIN: f32 = 0.02;
 /// Share of points below which a field may be an arbitrary one.
-const ARBITRARY_MAX: f32 = 0.75;
+pub(super) const ARBITRARY_MAX: f32 = 0.75;
 
-struct Trial<'a> {
-    setup: &'a Setup,
-    measured: &'a [MeasuredKeyframe],
-    config: LocalizeConfig,
+/// The measurements that every set-up is tried on.
+pub(super) struct Trial<'a> {
+    /// The configured set-up.
+    pub(super) setup: &'a Setup,
+    /// The measurements.
+    pub(super) measured: &'a [MeasuredKeyframe],
+    /// Settings of the search of poses.
+    pub(super) config: LocalizeConfig,
 }
 
 /// Tries other set-ups on the measurements.
@@ -176,6 +176,7 @@ impl Trial<'_> {
             });
         if other_fields {
             found.extend(self.search_size(variant, now));
+            found.extend(self.search_optics(variant, now));
         }
         let mut better: Vec<Improvement> = found
             .into_iter()
@@ -203,7 +204,8 @@ impl Trial<'_> {
         rows.flatten().any(|[_, _, turn]| turn.abs() > 1.0)
     }
 
-    fn evaluate(
+    /// Tries changes, each alone.
+    pub(super) fn evaluate(
         &self,
         variant: &SetupVariant,
         now: &Explanation,
@@ -294,63 +296,6 @@ impl Trial<'_> {
             (best, _) = cheapest(sizes.collect())?;
         }
         Some(change((best * 100.0).round() / 100.0))
-    }
-
-    /// The best centre of the mirror in the image, by steps to the neighbours. None for points without pixels.
-    fn search_centre(
-        &self,
-        variant: &SetupVariant,
-        now: &Explanation,
-    ) -> Option<(Change, Improvement)> {
-        if self
-            .measured
-            .iter()
-            .all(|keyframe| keyframe.pixels.is_empty())
-        {
-            return None;
-        }
-        let field = Field::new(variant.field.clone()).ok()?;
-        let mut tables = FieldTables::new(&field, &self.config);
-        let mut explain_at = |centre_shift: [f32; 2]| {
-            let after = SetupVariant {
-                centre_shift,
-                ..variant.clone()
-            };
-            let keyframes = after.apply(self.setup, self.measured);
-            let explanation = refine(&mut tables, &keyframes, now);
-            (explanation.cost(), after, explanation)
-        };
-        let before = explain_at(variant.centre_shift);
-        let mut best = before.clone();
-        for step in CENTRE_STEPS {
-            loop {
-                let [u, v] = best.1.centre_shift;
-                let neighbours = [[step, 0.0], [-step, 0.0], [0.0, step], [0.0, -step]];
-                let next = neighbours
-                    .map(|[du, dv]| explain_at([u + du, v + dv]))
-                    .into_iter()
-                    .min_by(|a, b| a.0.total_cmp(&b.0))?;
-                let [du, dv] = next.1.centre_shift;
-                if next.0 >= best.0 || math::hypot(du, dv) > 30.0 {
-                    break;
-                }
-                best = next;
-            }
-        }
-        let [u, v] = best.1.centre_shift;
-        let [u0, v0] = variant.centre_shift;
-        if math::hypot(u - u0, v - v0) < CENTRE_MIN {
-            return None;
-        }
-        let comparison = compare(&before.2, &best.2);
-        let change = Change::Centre(best.1.centre_shift);
-        let improvement = Improvement {
-            change: change.clone(),
-            after: best.1,
-            explanation: best.2,
-            comparison,
-        };
-        Some((change, improvement))
     }
 }
 

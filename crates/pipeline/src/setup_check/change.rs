@@ -4,6 +4,7 @@ use std::f32::consts::FRAC_PI_2;
 use std::path::PathBuf;
 
 use localize::field::FieldConfig;
+use localize::robot::CameraConfig;
 
 use super::field_sizes;
 use super::variant::SetupVariant;
@@ -35,6 +36,10 @@ pub(super) enum Change {
     OdometryRotationInDegrees,
     /// The mirror's centre in the image shifted, pixels.
     Centre([f32; 2]),
+    /// Another height of the camera, metres.
+    Height(f32),
+    /// Another focal length, pixels.
+    FocalLength(f32),
 }
 
 impl Change {
@@ -61,6 +66,8 @@ impl Change {
             Change::CompassInDegrees => changed.compass_unit_scale = 1.0_f32.to_radians(),
             Change::OdometryRotationInDegrees => changed.rotation_unit_scale = 1.0_f32.to_radians(),
             Change::Centre(shift) => changed.centre_shift = *shift,
+            Change::Height(height) => changed.height = Some(*height),
+            Change::FocalLength(focal_px) => changed.focal_px = Some(*focal_px),
         }
         changed
     }
@@ -101,6 +108,14 @@ impl Change {
                 "odometry.csv: convert dtheta_rad from degrees to radians (divide by 57.29578)"
                     .to_owned()
             }
+            Change::Height(height) => {
+                let now = configured_camera(setup, |camera| camera.height);
+                format!("robot.toml: height = {height:.3} (now {now:.3})")
+            }
+            Change::FocalLength(focal_px) => {
+                let now = configured_camera(setup, |camera| camera.focal_px);
+                format!("robot.toml: focal_px = {focal_px:.1} (now {now:.1})")
+            }
             Change::Centre([du, dv]) => match (&setup.camera, setup.is_calibrated()) {
                 (Some((camera, _)), false) => {
                     let centre = after.camera(camera).centre_px;
@@ -129,8 +144,15 @@ impl Change {
             Change::CompassInDegrees => "the compass's headings are in degrees",
             Change::OdometryRotationInDegrees => "the odometry's turns are in degrees",
             Change::Centre(_) => "the mirror's centre in the image is wrong",
+            Change::Height(_) => "the camera's height is wrong",
+            Change::FocalLength(_) => "the camera's focal length is wrong",
         }
     }
+}
+
+fn configured_camera(setup: &Setup, value: fn(&CameraConfig) -> Option<f32>) -> f32 {
+    let camera = setup.camera.as_ref().map(|(camera, _)| camera);
+    camera.and_then(value).unwrap_or(f32::NAN)
 }
 
 fn mount_text(setup: &Setup, after: &SetupVariant, quarters: u8, mirrored: bool) -> String {

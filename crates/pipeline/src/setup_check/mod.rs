@@ -5,6 +5,7 @@
 //! doctor.
 
 mod assess;
+mod camera_search;
 mod change;
 mod collector;
 mod field_sizes;
@@ -30,7 +31,7 @@ use crate::config::PipelineConfig;
 use crate::log::{LogReader, UnpackedSetup};
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
-use assess::{Assessment, assess, compass_agreement_in_degrees};
+use assess::{ARBITRARY_MAX, Assessment, assess, compass_agreement_in_degrees};
 use change::Change;
 
 /// How well the set-up explains its measurements.
@@ -92,6 +93,8 @@ pub struct SetupReport {
     pub figures: Option<FitFigures>,
     /// One sentence per doubt; empty when all is well.
     pub warnings: Vec<String>,
+    /// Those of the warnings for which no edit is known.
+    pub doubts: Vec<String>,
     /// Edits, the first one first.
     pub suggestions: Vec<Suggestion>,
     /// Covariance that the poses of this set-up have at least.
@@ -192,9 +195,17 @@ pub fn check(
         before = &best.explanation;
     }
     if assessment.fits_no_better_than_random {
-        report.warnings.push(format!(
+        report.doubt(format!(
             "the line points fit this field no better than other fields ({:.0} % on markings): check the field file, and the map or mirror profile",
             100.0 * configured.on_markings()
+        ));
+    }
+    let last = assessment.improvements.last().and_then(|last| last.first());
+    let explained = last.map_or(configured, |best| &best.explanation);
+    if !assessment.fits_no_better_than_random && explained.on_markings() < ARBITRARY_MAX {
+        report.doubt(format!(
+            "only {:.0} % of the line points on markings: the map, height or focal length may be wrong",
+            100.0 * explained.on_markings()
         ));
     }
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
@@ -294,6 +305,12 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
 }
 
 impl SetupReport {
+    /// Adds a warning for which no edit is known.
+    fn doubt(&mut self, text: String) {
+        self.doubts.push(text.clone());
+        self.warnings.push(text);
+    }
+
     /// Adds what the ranges of the tables betray.
     fn with_ranges(mut self, ranges: &[RangeFinding]) -> Self {
         for finding in ranges {

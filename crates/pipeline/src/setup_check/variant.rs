@@ -5,6 +5,8 @@ use localize::frames::At;
 use localize::robot::CameraConfig;
 use localize::sample::LinePoint;
 use localize::setup_check::{Keyframe, WheelMotion};
+use vision::optics::ray_tracing::Tracer;
+use vision::{Mount, Profile};
 
 use super::measurements::MeasuredKeyframe;
 use crate::setup::Setup;
@@ -20,6 +22,10 @@ pub(super) struct SetupVariant {
     pub(super) quarter_turns: u8,
     /// Shift of the mirror's centre in the image, pixels.
     pub(super) centre_shift: [f32; 2],
+    /// Another height of the camera, metres.
+    pub(super) height: Option<f32>,
+    /// Another focal length, pixels.
+    pub(super) focal_px: Option<f32>,
     /// Turn of the compass, radians, and its sense of rotation.
     pub(super) compass_turn: f32,
     /// Factor of the compass's readings: 1, or degrees to radians.
@@ -36,6 +42,8 @@ impl SetupVariant {
             mirrored: false,
             quarter_turns: 0,
             centre_shift: [0.0; 2],
+            height: None,
+            focal_px: None,
             compass_turn: 0.0,
             compass_unit_scale: 1.0,
             rotation_unit_scale: 1.0,
@@ -78,17 +86,46 @@ impl SetupVariant {
                 ..point
             }
         };
+        let retraced = (self.height.is_some() || self.focal_px.is_some()).then_some(());
+        let pixels = measured.pixels.iter().zip(&measured.points);
+        if let Some((camera, profile)) = retraced.and_then(|()| traced_camera(setup)) {
+            let camera = CameraConfig {
+                centre_px: [camera.centre_px[0] + du, camera.centre_px[1] + dv],
+                height: self.height.or(camera.height),
+                focal_px: self.focal_px.or(camera.focal_px),
+                ..camera.clone()
+            };
+            // A camera above its mirror sees nothing.
+            let Ok(tracer) = Tracer::new(&camera, profile, &Mount::default()) else {
+                return Vec::new();
+            };
+            return pixels
+                .filter_map(|(&[u, v], point)| {
+                    let ray = tracer.ray(f64::from(u), f64::from(v))?;
+                    let at = ray.at_height(0.0)?;
+                    Some(turn(LinePoint { at, ..*point }))
+                })
+                .collect();
+        }
         let map = setup.camera.as_ref().filter(|_| shifted);
         let Some((_, map)) = map else {
             return measured.points.iter().copied().map(turn).collect();
         };
-        let pixels = measured.pixels.iter().zip(&measured.points);
         pixels
             .filter_map(|(&[u, v], point)| {
                 let at = map.interpolate(u - du, v - dv)?;
                 Some(turn(LinePoint { at, ..*point }))
             })
             .collect()
+    }
+
+    /// Height and focal length of the camera. None unless the map was traced from a mirror's profile.
+    pub(super) fn optics(&self, setup: &Setup) -> Option<(f32, f32)> {
+        let (camera, _) = traced_camera(setup)?;
+        Some((
+            self.height.or(camera.height)?,
+            self.focal_px.or(camera.focal_px)?,
+        ))
     }
 
     /// `[camera]` of this set-up.
@@ -103,7 +140,15 @@ impl SetupVariant {
             ],
             forward_deg: forward.rem_euclid(360.0),
             flipped: camera.flipped != self.mirrored,
+            height: self.height.or(camera.height),
+            focal_px: self.focal_px.or(camera.focal_px),
             ..camera.clone()
         }
     }
+}
+
+/// The camera and the mirror whose ideal mount gave the ground map.
+fn traced_camera(setup: &Setup) -> Option<(&CameraConfig, &Profile)> {
+    let (camera, _) = setup.camera.as_ref()?;
+    Some((camera, setup.traced_mirror.as_ref()?))
 }
