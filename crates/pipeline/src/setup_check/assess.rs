@@ -62,6 +62,12 @@ const POINTS_FINE: f32 = 0.93;
 const SENSORS_FINE: f32 = 0.9;
 /// A smaller change of a field's size is no mistake: shares of the size.
 const SIZE_MIN: f32 = 0.02;
+/// The same above which no matrix of the wheels is tried.
+const WHEELS_FINE: f32 = 0.95;
+/// Agreement of the wheels below which their unit is tried.
+const SCALES_TRIED_BELOW: f32 = 0.5;
+/// Factors of the wheels' path: centimetres, millimetres, and the opposite confusions.
+const ODOMETRY_SCALES: [f32; 4] = [0.01, 0.001, 100.0, 1000.0];
 /// Share of points below which a field may be an arbitrary one.
 pub(super) const ARBITRARY_MAX: f32 = 0.75;
 
@@ -128,7 +134,8 @@ pub(super) fn compass_agreement_in_degrees(
 }
 
 impl Trial<'_> {
-    fn explain(
+    /// The explanation by a variant. None for an impossible field.
+    pub(super) fn explain(
         &self,
         variant: &SetupVariant,
         measured: &[MeasuredKeyframe],
@@ -154,9 +161,14 @@ impl Trial<'_> {
         if full || !sensors_fine {
             changes.extend(mounts());
             changes.extend((1..4).map(Change::CompassQuarterTurns));
+            changes.extend((0..4).map(Change::CompassMirrored));
         }
         if full || !sensors_fine || self.turns_are_fast() {
             changes.extend([Change::CompassInDegrees, Change::OdometryRotationInDegrees]);
+        }
+        let wheels = now.wheels_agree().unwrap_or(1.0);
+        if wheels < SCALES_TRIED_BELOW {
+            changes.extend(ODOMETRY_SCALES.map(Change::OdometryScale));
         }
         // Cheap, since the poses are known: a shifted centre takes points off the markings, too.
         let mut found: Vec<(Change, Improvement)> =
@@ -170,6 +182,10 @@ impl Trial<'_> {
             changes.extend(shipped_fields(variant));
         }
         found.extend(self.evaluate(variant, now, changes));
+        found.extend(self.search_turn(variant, now, wheels < SENSORS_FINE));
+        if wheels < WHEELS_FINE {
+            found.extend(self.search_wheels(variant, now));
+        }
         let arbitrary = now.on_markings() < ARBITRARY_MAX
             && found.iter().any(|(change, improvement)| {
                 matches!(change, Change::Field(..)) && !improvement.comparison.is_worse()
@@ -181,7 +197,12 @@ impl Trial<'_> {
         let mut better: Vec<Improvement> = found
             .into_iter()
             .map(|(_, improvement)| improvement)
-            .filter(|improvement| improvement.comparison.is_better())
+            .filter(|improvement| {
+                let comparison = &improvement.comparison;
+                // A turn of a few degrees gains little: its own uncertainty has decided.
+                let is_turn = matches!(improvement.change, Change::CameraTurn(_));
+                comparison.is_better() || (is_turn && comparison.gain > 0.0)
+            })
             .collect();
         if other_fields && better.is_empty() {
             better.extend(self.search_all_sizes(variant, now));

@@ -30,6 +30,7 @@ pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
         print(&report);
     }
     match report.warnings.len() {
+        0 if report.figures.is_none() => bail!("nothing could be compared"),
         0 => Ok(()),
         1 => bail!("one doubt about the set-up"),
         count => bail!("{count} doubts about the set-up"),
@@ -39,7 +40,9 @@ pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
 fn print(report: &SetupReport) {
     match &report.figures {
         Some(figures) => println!("{} ({} keyframes)", figures.text(), figures.keyframes),
-        None => println!("too few images with line points to compare set-ups"),
+        None => {
+            println!("too few images with line points, or too little motion, to compare set-ups")
+        }
     }
     if report.suggestions.is_empty() && report.warnings.is_empty() {
         if report.figures.is_some() {
@@ -52,12 +55,17 @@ fn print(report: &SetupReport) {
         let Suggestion {
             change,
             cause,
+            firm,
             fit_before,
             fit_after,
             step,
             ..
         } = suggestion;
-        let joint = if *step == last_step { "or  " } else { "BAD " };
+        let joint = match (*step == last_step, firm) {
+            (true, _) => "or  ",
+            (false, true) => "BAD ",
+            (false, false) => "BAD perhaps ",
+        };
         last_step = *step;
         println!("{joint}{cause}");
         println!(
