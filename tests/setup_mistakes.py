@@ -83,6 +83,37 @@ def turns_in_degrees(folder: Path) -> None:
     scale_column(folder / "odometry.csv", "dtheta_rad", math.degrees(1.0))
 
 
+def raise_camera(folder: Path) -> None:
+    """The camera 2 cm lower than robot.toml says."""
+    robot = folder / "robot.toml"
+    replace_value(robot, "height", f"{read_number(robot, 'height') + 0.02:.3f}")
+
+
+def raise_camera_far(folder: Path) -> None:
+    """The camera 5 cm lower than robot.toml says."""
+    robot = folder / "robot.toml"
+    replace_value(robot, "height", f"{read_number(robot, 'height') + 0.05:.3f}")
+
+
+def turn_forward_slightly(folder: Path) -> None:
+    robot = folder / "robot.toml"
+    replace_value(robot, "forward_deg", f"{read_number(robot, 'forward_deg') - 10.0}")
+
+
+def turn_forward_by_half_a_quarter(folder: Path) -> None:
+    robot = folder / "robot.toml"
+    replace_value(robot, "forward_deg", f"{read_number(robot, 'forward_deg') - 45.0}")
+
+
+def path_in_centimetres(folder: Path) -> None:
+    for column in ("dx_m", "dy_m"):
+        scale_column(folder / "odometry.csv", column, 100.0)
+
+
+def compass_counts_clockwise(folder: Path) -> None:
+    scale_column(folder / "compass.csv", "heading_rad", -1.0)
+
+
 MISTAKES: dict[str, Callable[[Path], None]] = {
     "small_field": use_small_field,
     "narrow_field": narrow_field,
@@ -92,6 +123,12 @@ MISTAKES: dict[str, Callable[[Path], None]] = {
     "stamps_milliseconds": stamps_in_milliseconds,
     "turns_degrees": turns_in_degrees,
     "centre_off": shift_centre,
+    "camera_raised": raise_camera,
+    "camera_raised_far": raise_camera_far,
+    "forward_slightly_off": turn_forward_slightly,
+    "forward_off": turn_forward_by_half_a_quarter,
+    "path_centimetres": path_in_centimetres,
+    "compass_clockwise": compass_counts_clockwise,
 }
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import random
 import re
 import shutil
 import subprocess
@@ -10,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from setup_mistakes import MISTAKES, make_folder
+from setup_mistakes import MISTAKES, make_folder, scale_column
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = ROOT / "target/release/mirrorball"
@@ -28,14 +29,23 @@ EDITS = {
     "stamps_milliseconds": "frames.csv: convert stamp_s from milliseconds",
     "turns_degrees": "odometry.csv: convert dtheta_rad from degrees",
     "centre_off": "centre_px = [2",
+    "camera_raised": "robot.toml: height = 0.60",
+    "camera_raised_far": "robot.toml: height = 0.60",
+    "forward_slightly_off": "robot.toml: forward_deg = ",
+    "forward_off": "robot.toml: forward_deg = ",
+    "path_centimetres": "odometry.csv: convert dx_m and dy_m from centimetres",
+    "compass_clockwise": "compass.csv: change the sign of heading_rad",
 }
 
 
 def run(*arguments: str | Path) -> tuple[dict[str, Any], str]:
-    """The JSON result and what went to standard error."""
+    """The JSON result and what went to standard error. The doctor exits with 1 if it warns or compares nothing."""
     command = [str(PROGRAM), *map(str, arguments), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
-    return json.loads(done.stdout), done.stderr
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    result = json.loads(done.stdout) if done.stdout else {}
+    is_ill = arguments[0] == "doctor" and (bool(result["warnings"]) or result["figures"] is None)
+    assert done.returncode == int(is_ill), done.stderr
+    return result, done.stderr
 
 
 def poses(path: Path) -> list[dict[str, str]]:
@@ -87,6 +97,48 @@ def test_doctor_names_the_edit_first(mistake: str, tmp_path: Path) -> None:
     assert EDITS[mistake] in first["change"], found["suggestions"]
     # The shipped field is measured to the lines' outer edges, the recorded one to their centres: an eighth of a metre.
     assert first["fit_after"] > 0.8 > first["fit_before"] + 0.2
+
+
+@pytest.mark.parametrize("mistake", ["forward_slightly_off", "forward_off"])
+def test_angle_of_the_camera_is_named_within_two_degrees(mistake: str, tmp_path: Path) -> None:
+    folder = make_folder(RIGHT, mistake, tmp_path / mistake)
+    found, _ = run("doctor", "--recording", folder)
+    named = re.search(r"forward_deg = ([\d.]+)", found["suggestions"][0]["change"])
+    assert named is not None and abs(float(named[1]) - 90.0) < 2.0, found["suggestions"]
+    assert found["figures"]["wheels_agree"] < 0.995
+
+
+def test_wheels_that_report_no_motion_are_named(tmp_path: Path) -> None:
+    folder = tmp_path / "still"
+    shutil.copytree(RIGHT, folder)
+    for column in ("dx_m", "dy_m", "dtheta_rad"):
+        scale_column(folder / "odometry.csv", column, 0.0)
+    found, _ = run("doctor", "--recording", folder)
+    assert any("the wheels report no motion" in warning for warning in found["warnings"]), found["warnings"]
+
+
+def test_points_that_no_set_up_explains_are_doubted(tmp_path: Path) -> None:
+    folder = tmp_path / "random"
+    folder.mkdir()
+    shutil.copy(RIGHT / "field.toml", folder)
+    (folder / "robot.toml").write_text('field = "field.toml"\n')
+    # Points all over the ground lie on no field's markings.
+    chance = random.Random(4)
+    rows = [
+        f"{0.2 * image:.1f},{chance.uniform(-5.0, 5.0):.3f},{chance.uniform(-5.0, 5.0):.3f}"
+        for image in range(12)
+        for _ in range(150)
+    ]
+    (folder / "points.csv").write_text("\n".join(["stamp_s,x_m,y_m", *rows]) + "\n")
+    found, _ = run("doctor", "--recording", folder)
+    assert len(found["doubts"]) == 1 and "% o" in found["doubts"][0], found["warnings"]
+
+
+def test_wrong_wheels_are_not_taken_for_turns_in_degrees(tmp_path: Path) -> None:
+    wheels = "wheels.radius_scale=[1.3, 0.8, 1.2]"
+    result, _ = run("sim", ROOT / "config/scenarios/demo.toml", "--duration", "12", "--set", wheels)
+    warnings = " | ".join(result["warnings"])
+    assert "[odometry] matrix" in warnings and "57.29" not in warnings, warnings
 
 
 def test_two_mistakes_are_both_named(tmp_path: Path) -> None:

@@ -2,18 +2,21 @@
 
 use crate::config::LocalizeConfig;
 use crate::field::Field;
-use crate::frames::Pose;
+use crate::frames::{Pose, RobotFrame, Tf};
 use crate::global_search::branch_and_bound::{
     BranchAndBound, BranchAndBoundConfig, Hypothesis, half_turn,
 };
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::math;
 
 use super::chain::{KeyframeHypotheses, select_chain};
 use super::keyframe::Keyframe;
 
 /// Largest displacement that [`refine`] follows, metres.
 const START_ERROR: f32 = 0.3;
+/// Shorter steps are noise, metres.
+const STEP_MIN: f32 = 0.1;
 
 /// Tables of one field for the search of poses.
 #[derive(Debug, Clone)]
@@ -40,10 +43,21 @@ pub struct KeyframeFit {
     pub on_markings: f32,
     /// Root mean square distance of these points, metres.
     pub residual: f32,
+    /// Motion since the previous keyframe by the wheels. None without wheels or without both poses.
+    pub wheel_step: Option<Tf<RobotFrame, RobotFrame>>,
     /// Do the wheels agree with the motion since the previous keyframe?
     pub wheels_agree: Option<bool>,
     /// Does the compass agree with the heading?
     pub compass_agrees: Option<bool>,
+}
+
+/// One motion, measured twice: from one keyframe to the next, in the robot frame of the first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeasuredStep {
+    /// By the wheels.
+    pub wheels: Tf<RobotFrame, RobotFrame>,
+    /// Between the poses that the line points give.
+    pub poses: Tf<RobotFrame, RobotFrame>,
 }
 
 /// How well a set-up explains its keyframes.
@@ -156,6 +170,7 @@ fn explain_by(keyframes: &[Keyframe], hypotheses: &[KeyframeHypotheses]) -> Expl
             points: keyframe.points.len(),
             on_markings: selected.map_or(0.0, |(_, hypothesis)| hypothesis.inlier_share),
             residual: selected.map_or(0.0, |(_, hypothesis)| hypothesis.inlier_rms),
+            wheel_step: link.wheels.and(keyframe.motion).map(|motion| motion.step),
             wheels_agree: link.wheels_agree(),
             compass_agrees: link.compass_agrees(),
         }
@@ -191,9 +206,34 @@ impl Explanation {
         sum / f32::max(points, 1.0)
     }
 
-    /// Share of the wheel steps that agree. None without wheels.
+    /// The steps between successive keyframes, by wheels and by poses.
+    pub fn steps(&self) -> Vec<MeasuredStep> {
+        let pairs = self.keyframes.iter().zip(self.keyframes.iter().skip(1));
+        let steps = pairs.filter_map(|(before, after)| {
+            Some(MeasuredStep {
+                wheels: after.wheel_step?,
+                poses: before.pose?.inverse() * after.pose?,
+            })
+        });
+        steps.collect()
+    }
+
+    /// How far the wheels agree with the poses: the share of the steps that do not contradict, but at most the mean
+    /// agreement of direction and length (1 equal, 0 unrelated). None without wheels.
     pub fn wheels_agree(&self) -> Option<f32> {
-        share(self.keyframes.iter().filter_map(|fit| fit.wheels_agree))
+        let share = share(self.keyframes.iter().filter_map(|fit| fit.wheels_agree))?;
+        let (mut sum, mut count) = (0.0_f32, 0.0_f32);
+        for MeasuredStep { wheels, poses } in self.steps() {
+            let both = math::hypot(wheels.x, wheels.y).max(math::hypot(poses.x, poses.y));
+            if both > STEP_MIN {
+                let squares = [wheels.x, wheels.y, poses.x, poses.y].map(|each| each * each);
+                let error = (wheels.x - poses.x).powi(2) + (wheels.y - poses.y).powi(2);
+                sum += 1.0 - error / squares.iter().sum::<f32>();
+                count += 1.0;
+            }
+        }
+        let agreement = if count > 0.0 { sum / count } else { 1.0 };
+        Some(share.min(agreement.max(0.0)))
     }
 
     /// Share of the compass readings that agree. None without a compass.

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use localize::Field;
 use localize::config::LocalizeConfig;
 use localize::field::FieldConfig;
-use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain, refine};
-use localize::{Field, math};
+use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain};
 use rayon::prelude::*;
 
 use super::change::Change;
@@ -51,7 +51,7 @@ pub(super) struct Assessment {
 /// Most changes on top of each other.
 const CHANGES_MAX: usize = 3;
 /// Keyframes for the first selection of a field's size; the best sizes are then compared on all.
-const SCAN_KEYFRAMES: usize = 12;
+pub(super) const SCAN_KEYFRAMES: usize = 12;
 /// Steps of a field's size, metres: half of the first is within the matcher's reach.
 const SIZE_STEPS: [f32; 3] = [0.5, 0.2, 0.05];
 /// Range of a field's size against the configured one.
@@ -60,19 +60,25 @@ const SIZE_RANGE: (f32, f32) = (0.5, 2.0);
 const POINTS_FINE: f32 = 0.93;
 /// Share of wheel steps or compass readings above which they agree.
 const SENSORS_FINE: f32 = 0.9;
-/// Steps of the mirror's centre, pixels.
-const CENTRE_STEPS: [f32; 4] = [4.0, 2.0, 1.0, 0.5];
-/// A smaller shift of the centre is no mistake, pixels.
-const CENTRE_MIN: f32 = 1.5;
 /// A smaller change of a field's size is no mistake: shares of the size.
 const SIZE_MIN: f32 = 0.02;
+/// The same above which no matrix of the wheels is tried.
+const WHEELS_FINE: f32 = 0.95;
+/// Agreement of the wheels below which their unit is tried.
+const SCALES_TRIED_BELOW: f32 = 0.5;
+/// Factors of the wheels' path: centimetres, millimetres, and the opposite confusions.
+const ODOMETRY_SCALES: [f32; 4] = [0.01, 0.001, 100.0, 1000.0];
 /// Share of points below which a field may be an arbitrary one.
-const ARBITRARY_MAX: f32 = 0.75;
+pub(super) const ARBITRARY_MAX: f32 = 0.75;
 
-struct Trial<'a> {
-    setup: &'a Setup,
-    measured: &'a [MeasuredKeyframe],
-    config: LocalizeConfig,
+/// The measurements that every set-up is tried on.
+pub(super) struct Trial<'a> {
+    /// The configured set-up.
+    pub(super) setup: &'a Setup,
+    /// The measurements.
+    pub(super) measured: &'a [MeasuredKeyframe],
+    /// Settings of the search of poses.
+    pub(super) config: LocalizeConfig,
 }
 
 /// Tries other set-ups on the measurements.
@@ -128,7 +134,8 @@ pub(super) fn compass_agreement_in_degrees(
 }
 
 impl Trial<'_> {
-    fn explain(
+    /// The explanation by a variant. None for an impossible field.
+    pub(super) fn explain(
         &self,
         variant: &SetupVariant,
         measured: &[MeasuredKeyframe],
@@ -154,9 +161,14 @@ impl Trial<'_> {
         if full || !sensors_fine {
             changes.extend(mounts());
             changes.extend((1..4).map(Change::CompassQuarterTurns));
+            changes.extend((0..4).map(Change::CompassMirrored));
         }
         if full || !sensors_fine || self.turns_are_fast() {
             changes.extend([Change::CompassInDegrees, Change::OdometryRotationInDegrees]);
+        }
+        let wheels = now.wheels_agree().unwrap_or(1.0);
+        if wheels < SCALES_TRIED_BELOW {
+            changes.extend(ODOMETRY_SCALES.map(Change::OdometryScale));
         }
         // Cheap, since the poses are known: a shifted centre takes points off the markings, too.
         let mut found: Vec<(Change, Improvement)> =
@@ -170,17 +182,27 @@ impl Trial<'_> {
             changes.extend(shipped_fields(variant));
         }
         found.extend(self.evaluate(variant, now, changes));
+        found.extend(self.search_turn(variant, now, wheels < SENSORS_FINE));
+        if wheels < WHEELS_FINE {
+            found.extend(self.search_wheels(variant, now));
+        }
         let arbitrary = now.on_markings() < ARBITRARY_MAX
             && found.iter().any(|(change, improvement)| {
                 matches!(change, Change::Field(..)) && !improvement.comparison.is_worse()
             });
         if other_fields {
             found.extend(self.search_size(variant, now));
+            found.extend(self.search_optics(variant, now));
         }
         let mut better: Vec<Improvement> = found
             .into_iter()
             .map(|(_, improvement)| improvement)
-            .filter(|improvement| improvement.comparison.is_better())
+            .filter(|improvement| {
+                let comparison = &improvement.comparison;
+                // A turn of a few degrees gains little: its own uncertainty has decided.
+                let is_turn = matches!(improvement.change, Change::CameraTurn(_));
+                comparison.is_better() || (is_turn && comparison.gain > 0.0)
+            })
             .collect();
         if other_fields && better.is_empty() {
             better.extend(self.search_all_sizes(variant, now));
@@ -203,7 +225,8 @@ impl Trial<'_> {
         rows.flatten().any(|[_, _, turn]| turn.abs() > 1.0)
     }
 
-    fn evaluate(
+    /// Tries changes, each alone.
+    pub(super) fn evaluate(
         &self,
         variant: &SetupVariant,
         now: &Explanation,
@@ -294,63 +317,6 @@ impl Trial<'_> {
             (best, _) = cheapest(sizes.collect())?;
         }
         Some(change((best * 100.0).round() / 100.0))
-    }
-
-    /// The best centre of the mirror in the image, by steps to the neighbours. None for points without pixels.
-    fn search_centre(
-        &self,
-        variant: &SetupVariant,
-        now: &Explanation,
-    ) -> Option<(Change, Improvement)> {
-        if self
-            .measured
-            .iter()
-            .all(|keyframe| keyframe.pixels.is_empty())
-        {
-            return None;
-        }
-        let field = Field::new(variant.field.clone()).ok()?;
-        let mut tables = FieldTables::new(&field, &self.config);
-        let mut explain_at = |centre_shift: [f32; 2]| {
-            let after = SetupVariant {
-                centre_shift,
-                ..variant.clone()
-            };
-            let keyframes = after.apply(self.setup, self.measured);
-            let explanation = refine(&mut tables, &keyframes, now);
-            (explanation.cost(), after, explanation)
-        };
-        let before = explain_at(variant.centre_shift);
-        let mut best = before.clone();
-        for step in CENTRE_STEPS {
-            loop {
-                let [u, v] = best.1.centre_shift;
-                let neighbours = [[step, 0.0], [-step, 0.0], [0.0, step], [0.0, -step]];
-                let next = neighbours
-                    .map(|[du, dv]| explain_at([u + du, v + dv]))
-                    .into_iter()
-                    .min_by(|a, b| a.0.total_cmp(&b.0))?;
-                let [du, dv] = next.1.centre_shift;
-                if next.0 >= best.0 || math::hypot(du, dv) > 30.0 {
-                    break;
-                }
-                best = next;
-            }
-        }
-        let [u, v] = best.1.centre_shift;
-        let [u0, v0] = variant.centre_shift;
-        if math::hypot(u - u0, v - v0) < CENTRE_MIN {
-            return None;
-        }
-        let comparison = compare(&before.2, &best.2);
-        let change = Change::Centre(best.1.centre_shift);
-        let improvement = Improvement {
-            change: change.clone(),
-            after: best.1,
-            explanation: best.2,
-            comparison,
-        };
-        Some((change, improvement))
     }
 }
 

@@ -4,6 +4,9 @@ use std::f32::consts::FRAC_PI_2;
 use std::path::PathBuf;
 
 use localize::field::FieldConfig;
+use localize::robot::CameraConfig;
+use localize::setup_check::Explanation;
+use nalgebra::Matrix3;
 
 use super::field_sizes;
 use super::variant::SetupVariant;
@@ -29,12 +32,24 @@ pub(super) enum Change {
     },
     /// The compass turned by quarters.
     CompassQuarterTurns(u8),
+    /// The compass counts clockwise, and is then turned by quarters.
+    CompassMirrored(u8),
+    /// The camera turned by an angle, radians.
+    CameraTurn(f32),
+    /// The wheels' path in another unit.
+    OdometryScale(f32),
+    /// The wheels' motion (metres, metres, radians) multiplied by a matrix.
+    WheelMatrix(Matrix3<f32>),
     /// Headings in degrees.
     CompassInDegrees,
     /// Turns in degrees.
     OdometryRotationInDegrees,
     /// The mirror's centre in the image shifted, pixels.
     Centre([f32; 2]),
+    /// Another height of the camera, metres.
+    Height(f32),
+    /// Another focal length, pixels.
+    FocalLength(f32),
 }
 
 impl Change {
@@ -58,9 +73,20 @@ impl Change {
             Change::CompassQuarterTurns(quarters) => {
                 changed.compass_turn += f32::from(*quarters) * FRAC_PI_2;
             }
+            Change::CompassMirrored(quarters) => {
+                changed.compass_sign = -changed.compass_sign;
+                changed.compass_turn = f32::from(*quarters) * FRAC_PI_2 - changed.compass_turn;
+            }
+            Change::CameraTurn(angle) => {
+                changed.camera_turn += if variant.mirrored { -angle } else { *angle };
+            }
+            Change::OdometryScale(scale) => changed.path_unit_scale *= scale,
+            Change::WheelMatrix(matrix) => changed.wheel_matrix = matrix * changed.wheel_matrix,
             Change::CompassInDegrees => changed.compass_unit_scale = 1.0_f32.to_radians(),
             Change::OdometryRotationInDegrees => changed.rotation_unit_scale = 1.0_f32.to_radians(),
             Change::Centre(shift) => changed.centre_shift = *shift,
+            Change::Height(height) => changed.height = Some(*height),
+            Change::FocalLength(focal_px) => changed.focal_px = Some(*focal_px),
         }
         changed
     }
@@ -93,6 +119,42 @@ impl Change {
                     "compass.csv: turn heading_rad by {degrees} degrees (the compass is mounted so)"
                 )
             }
+            Change::CompassMirrored(0) => {
+                "compass.csv: change the sign of heading_rad (it counts counter-clockwise)"
+                    .to_owned()
+            }
+            Change::CompassMirrored(quarters) => {
+                let degrees = 90 * u16::from(*quarters);
+                format!(
+                    "compass.csv: change the sign of heading_rad (it counts counter-clockwise), then turn it by {degrees} degrees"
+                )
+            }
+            Change::CameraTurn(angle) => turn_text(setup, after, *angle),
+            Change::OdometryScale(scale) if *scale < 1.0 => {
+                let unit = if *scale < 0.005 {
+                    "millimetres"
+                } else {
+                    "centimetres"
+                };
+                let divisor = (1.0 / scale).round();
+                format!(
+                    "odometry.csv: convert dx_m and dy_m from {unit} to metres (divide by {divisor})"
+                )
+            }
+            Change::OdometryScale(scale) => {
+                format!("odometry.csv: multiply dx_m and dy_m by {scale}")
+            }
+            Change::WheelMatrix(_) => {
+                let matrix = after.wheels(setup);
+                let rows = [0, 1, 2].map(|row| {
+                    let [a, b, c] = [0, 1, 2].map(|column| matrix[(row, column)]);
+                    format!("[{a:.3}, {b:.3}, {c:.3}]")
+                });
+                format!(
+                    "robot.toml: [odometry] matrix = [{}] (`mirrorball calibrate wheels` measures it)",
+                    rows.join(", ")
+                )
+            }
             Change::CompassInDegrees => {
                 "compass.csv: convert heading_rad from degrees to radians (divide by 57.29578)"
                     .to_owned()
@@ -100,6 +162,14 @@ impl Change {
             Change::OdometryRotationInDegrees => {
                 "odometry.csv: convert dtheta_rad from degrees to radians (divide by 57.29578)"
                     .to_owned()
+            }
+            Change::Height(height) => {
+                let now = configured_camera(setup, |camera| camera.height);
+                format!("robot.toml: height = {height:.3} (now {now:.3})")
+            }
+            Change::FocalLength(focal_px) => {
+                let now = configured_camera(setup, |camera| camera.focal_px);
+                format!("robot.toml: focal_px = {focal_px:.1} (now {now:.1})")
             }
             Change::Centre([du, dv]) => match (&setup.camera, setup.is_calibrated()) {
                 (Some((camera, _)), false) => {
@@ -116,6 +186,21 @@ impl Change {
         }
     }
 
+    /// Share that is explained of what this change affects; `explanation`: by the set-up with it.
+    pub(super) fn explained(&self, explanation: &Explanation) -> f32 {
+        let share = match self {
+            Change::CompassQuarterTurns(_)
+            | Change::CompassMirrored(_)
+            | Change::CompassInDegrees => explanation.compass_agrees(),
+            Change::OdometryScale(_)
+            | Change::WheelMatrix(_)
+            | Change::OdometryRotationInDegrees
+            | Change::CameraTurn(_) => explanation.wheels_agree(),
+            _ => Some(explanation.fit()),
+        };
+        share.unwrap_or(1.0)
+    }
+
     /// What is probably wrong, for a warning of one line.
     pub(super) fn cause(&self) -> &'static str {
         match self {
@@ -126,11 +211,37 @@ impl Change {
             Change::Mount { mirrored: true, .. } => "left and right of the image are exchanged",
             Change::Mount { .. } => "the camera's forward direction is wrong",
             Change::CompassQuarterTurns(_) => "the compass is turned",
+            Change::CompassMirrored(_) => "the compass counts clockwise",
+            Change::CameraTurn(_) => "the camera's forward direction is wrong",
+            Change::OdometryScale(_) => "the odometry's path is in another unit",
+            Change::WheelMatrix(_) => "the wheels' radii or directions are wrong",
             Change::CompassInDegrees => "the compass's headings are in degrees",
             Change::OdometryRotationInDegrees => "the odometry's turns are in degrees",
             Change::Centre(_) => "the mirror's centre in the image is wrong",
+            Change::Height(_) => "the camera's height is wrong",
+            Change::FocalLength(_) => "the camera's focal length is wrong",
         }
     }
+}
+
+fn turn_text(setup: &Setup, after: &SetupVariant, angle: f32) -> String {
+    let degrees = angle.to_degrees();
+    match (&setup.camera, setup.is_calibrated()) {
+        (Some((camera, _)), false) => format!(
+            "robot.toml: forward_deg = {:.1} (now {:.1})",
+            after.camera(camera).forward_deg,
+            camera.forward_deg
+        ),
+        (Some(_), true) => {
+            format!("calibrate the map again: turn its ground points by {degrees:+.1} degrees")
+        }
+        (None, _) => format!("points.csv: turn the points by {degrees:+.1} degrees"),
+    }
+}
+
+fn configured_camera(setup: &Setup, value: fn(&CameraConfig) -> Option<f32>) -> f32 {
+    let camera = setup.camera.as_ref().map(|(camera, _)| camera);
+    camera.and_then(value).unwrap_or(f32::NAN)
 }
 
 fn mount_text(setup: &Setup, after: &SetupVariant, quarters: u8, mirrored: bool) -> String {

@@ -15,6 +15,8 @@ pub(super) const KEYFRAMES_MAX: usize = 40;
 /// Motion between keyframes: metres, where a radian and two seconds count as half a metre and a quarter.
 pub(super) const SPACING_MIN: f32 = 0.3;
 pub(super) const METRES_PER_RADIAN: f32 = 0.5;
+/// Wheels that report less in a whole recording report no motion, metres.
+pub(super) const WHEEL_PATH_MIN: f32 = 0.1;
 pub(super) const METRES_PER_SECOND: f32 = 0.125;
 /// Longest gap in the odometry that connects two keyframes, seconds.
 pub(super) const ODOMETRY_GAP_MAX: f64 = 1.0;
@@ -155,12 +157,24 @@ fn nearest_reading(readings: &[(Stamp, f32)], stamp: Stamp) -> Option<f32> {
         .map(|(_, heading)| heading)
 }
 
+/// Path and turn of odometry rows, metres, where a radian counts as half a metre.
+pub(super) fn wheel_path(rows: Option<&[[f32; 3]]>) -> f32 {
+    let rows = rows.into_iter().flatten();
+    rows.map(|[dx, dy, turn]| localize::math::hypot(*dx, *dy) + METRES_PER_RADIAN * turn.abs())
+        .sum()
+}
+
 /// Evenly spaced entries; the odometry of those between is joined.
 fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
     let total: f32 = entries.iter().map(|entry| entry.progress).sum();
     let spacing = (total / KEYFRAMES_MAX as f32).max(SPACING_MIN);
     let stride = entries.len().div_ceil(KEYFRAMES_MAX);
-    let connected = entries.iter().skip(1).any(|entry| entry.odometry.is_some());
+    // Wheels that report no motion may be wrong: the images decide (`no_motion`).
+    let path: f32 = entries
+        .iter()
+        .map(|entry| wheel_path(entry.odometry.as_deref()))
+        .sum();
+    let connected = path > WHEEL_PATH_MIN;
     let mut selected: Vec<TimelineEntry> = Vec::new();
     let mut skipped: Option<Vec<[f32; 3]>> = Some(Vec::new());
     let mut progress = f32::INFINITY;

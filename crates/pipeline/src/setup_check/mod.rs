@@ -5,14 +5,18 @@
 //! doctor.
 
 mod assess;
+mod camera_search;
 mod change;
 mod collector;
 mod field_sizes;
 mod measurements;
+mod motion_search;
+mod no_motion;
 mod ranges;
 #[cfg(test)]
 mod tests;
 mod variant;
+mod wheel_fit;
 
 use std::path::Path;
 
@@ -30,7 +34,7 @@ use crate::config::PipelineConfig;
 use crate::log::{LogReader, UnpackedSetup};
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
-use assess::{Assessment, assess, compass_agreement_in_degrees};
+use assess::{ARBITRARY_MAX, Assessment, Improvement, assess, compass_agreement_in_degrees};
 use change::Change;
 
 /// How well the set-up explains its measurements.
@@ -44,7 +48,7 @@ pub struct FitFigures {
     pub on_markings: f32,
     /// Root mean square distance of these points from the markings, metres.
     pub residual_m: f32,
-    /// Share of the wheel steps that agree with the poses. None without odometry.
+    /// How far the wheels' steps agree with those of the poses, at most 1. None without odometry.
     pub wheels_agree: Option<f32>,
     /// Share of the compass readings that agree with the poses. None without a compass.
     pub compass_agrees: Option<f32>,
@@ -75,6 +79,8 @@ pub struct Suggestion {
     pub change: String,
     /// What is probably wrong.
     pub cause: String,
+    /// False for a candidate: with it the measurements are explained better, but not well.
+    pub firm: bool,
     /// Share of the measurements that are explained without it.
     pub fit_before: f32,
     /// Share of the measurements that are explained with it.
@@ -92,6 +98,8 @@ pub struct SetupReport {
     pub figures: Option<FitFigures>,
     /// One sentence per doubt; empty when all is well.
     pub warnings: Vec<String>,
+    /// Those of the warnings for which no edit is known.
+    pub doubts: Vec<String>,
     /// Edits, the first one first.
     pub suggestions: Vec<Suggestion>,
     /// Covariance that the poses of this set-up have at least.
@@ -106,6 +114,11 @@ pub struct SetupReport {
 const DOUBT_STD: (f32, f32) = (0.25, 0.1);
 /// Share of compass readings that agree although the range of the column looks like degrees.
 const COMPASS_FINE: f32 = 0.8;
+
+/// Wheels or compass that agree less are doubted even if no edit is found.
+const SENSORS_POOR: f32 = 0.4;
+/// Share of what an edit affects that is explained with it. An edit that explains less is a candidate only.
+const FIRM_MIN: f32 = 0.85;
 
 /// Checks the set-up of a recording.
 pub fn check_recording(
@@ -155,6 +168,14 @@ pub fn check(
     }
     let assessment = assess(setup, &config.localize, measured, effort);
     let configured = &assessment.configured;
+    let still = match no_motion::rows_without_motion(measured) {
+        Some(rows) => match no_motion::path_of_poses(configured) {
+            Some(path) => Some((rows, path)),
+            // The robot stands: images of one place say little about a set-up.
+            None => return SetupReport::default().with_ranges(&ranges),
+        },
+        None => None,
+    };
     // A continuous heading in radians may exceed a turn: the poses decide. Few of them agree with any heading by chance.
     let agreement = configured.compass_agrees().unwrap_or(0.0);
     if agreement >= COMPASS_FINE && ranges.iter().any(|each| each.table == Table::Compass) {
@@ -174,6 +195,7 @@ pub fn check(
             .extend(alternatives.iter().map(|improvement| Suggestion {
                 change: improvement.change.text(setup, &improvement.after),
                 cause: improvement.change.cause().to_owned(),
+                firm: is_firm(improvement),
                 fit_before: before.fit(),
                 fit_after: improvement.explanation.fit(),
                 gain: Some(improvement.comparison.gain),
@@ -182,8 +204,9 @@ pub fn check(
         let Some(best) = alternatives.first() else {
             continue;
         };
+        let perhaps = if is_firm(best) { "" } else { "perhaps " };
         report.warnings.push(format!(
-            "{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
+            "{perhaps}{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
             best.change.cause(),
             best.change.text(setup, &best.after),
             100.0 * best.explanation.fit(),
@@ -192,10 +215,44 @@ pub fn check(
         before = &best.explanation;
     }
     if assessment.fits_no_better_than_random {
-        report.warnings.push(format!(
+        report.doubt(format!(
             "the line points fit this field no better than other fields ({:.0} % on markings): check the field file, and the map or mirror profile",
             100.0 * configured.on_markings()
         ));
+    }
+    let last = assessment.improvements.last().and_then(|last| last.first());
+    let explained = last.map_or(configured, |best| &best.explanation);
+    if explained.on_markings() < ARBITRARY_MAX {
+        if !assessment.fits_no_better_than_random {
+            report.doubt(format!(
+                "only {:.0} % of the line points on markings: the map, height or focal length may be wrong",
+                100.0 * explained.on_markings()
+            ));
+        }
+    } else {
+        let known = |table| ranges.iter().any(|finding| finding.table == table);
+        let is_named = assessment.improvements.iter().flatten().any(|found| {
+            matches!(
+                found.change,
+                Change::OdometryScale(_) | Change::OdometryRotationInDegrees
+            )
+        });
+        if let Some((rows, path)) = still.filter(|_| !is_named) {
+            report.doubt(format!(
+                "odometry.csv: the wheels report no motion in {rows} rows, but the images show one of about {path:.1} m"
+            ));
+        } else if !known(Table::Odometry) {
+            let agree = explained
+                .wheels_agree()
+                .filter(|share| *share < SENSORS_POOR);
+            report.doubt_sensor("wheels", "odometry.csv", agree);
+        }
+        if !known(Table::Compass) {
+            let agree = explained
+                .compass_agrees()
+                .filter(|share| *share < SENSORS_POOR);
+            report.doubt_sensor("compass", "compass.csv", agree);
+        }
     }
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
     let named = |change: fn(&Change) -> bool| {
@@ -203,7 +260,12 @@ pub fn check(
         all.clone().any(|improvement| change(&improvement.change))
     };
     let compass = named(|change| *change == Change::CompassInDegrees);
-    let turns = named(|change| *change == Change::OdometryRotationInDegrees);
+    let turns = named(|change| {
+        matches!(
+            change,
+            Change::OdometryRotationInDegrees | Change::OdometryScale(_)
+        )
+    });
     if compass {
         report.unusable.push(Table::Compass);
         ranges.retain(|finding| finding.table != Table::Compass);
@@ -217,6 +279,10 @@ pub fn check(
 
 /// Fewer keyframes say nothing about a set-up.
 const KEYFRAMES_MIN: usize = 4;
+
+fn is_firm(improvement: &Improvement) -> bool {
+    improvement.change.explained(&improvement.explanation) >= FIRM_MIN
+}
 
 fn figures(explanation: &Explanation) -> FitFigures {
     FitFigures {
@@ -247,7 +313,10 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
             !matches!(
                 found.change,
                 // Without the table in the wrong unit the poses are right.
-                Change::CompassInDegrees | Change::OdometryRotationInDegrees
+                Change::CompassInDegrees
+                    | Change::OdometryRotationInDegrees
+                    | Change::OdometryScale(_)
+                    | Change::WheelMatrix(_)
             )
         })
         .collect();
@@ -255,7 +324,7 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
     if doubtful.iter().any(|found| {
         matches!(
             found.change,
-            Change::Mount { .. } | Change::CompassQuarterTurns(_)
+            Change::Mount { .. } | Change::CompassQuarterTurns(_) | Change::CompassMirrored(_)
         )
     }) {
         return Some(unknown);
@@ -285,7 +354,7 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
         0.0,
     );
     let floor = match last.change {
-        Change::Centre(_) => Vector3::zeros(),
+        Change::Centre(_) | Change::CameraTurn(_) => Vector3::zeros(),
         _ => Vector3::new(DOUBT_STD.0, DOUBT_STD.0, DOUBT_STD.1),
     };
     let floor = floor.component_mul(&floor) + resized.component_mul(&resized);
@@ -294,6 +363,22 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
 }
 
 impl SetupReport {
+    /// Adds a warning for which no edit is known.
+    fn doubt(&mut self, text: String) {
+        self.doubts.push(text.clone());
+        self.warnings.push(text);
+    }
+
+    /// Adds a warning that a sensor agrees with few of the poses, if `agree` is given.
+    fn doubt_sensor(&mut self, sensor: &str, file: &str, agree: Option<f32>) {
+        if let Some(share) = agree {
+            self.doubt(format!(
+                "the {sensor} and the images agree by only {:.0} %: check units, signs and axes of {file}",
+                100.0 * share
+            ));
+        }
+    }
+
     /// Adds what the ranges of the tables betray.
     fn with_ranges(mut self, ranges: &[RangeFinding]) -> Self {
         for finding in ranges {
@@ -302,6 +387,7 @@ impl SetupReport {
             self.suggestions.push(Suggestion {
                 change: finding.change.clone(),
                 cause: finding.found.clone(),
+                firm: true,
                 fit_before: finding.fit[0],
                 fit_after: finding.fit[1],
                 gain: None,

@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::Result;
-use serde::Serialize;
+use anyhow::{Result, bail};
 
 use crate::commands::arguments::UsageError;
 use crate::commands::locate::EXTERNAL_POINT_STD;
@@ -11,13 +10,6 @@ use pipeline::PipelineConfig;
 use pipeline::recording::Recording;
 use pipeline::setup::Setup;
 use pipeline::setup_check::{self, Effort, SetupReport, Suggestion};
-
-/// What `--json` prints.
-#[derive(Serialize)]
-struct Outcome {
-    #[serde(flatten)]
-    report: SetupReport,
-}
 
 /// Tries other set-ups on the recording folder or log.
 pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
@@ -33,20 +25,29 @@ pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
         return Err(UsageError(format!("{place} is neither a folder nor a log")).into());
     };
     if json {
-        println!("{}", serde_json::to_string(&Outcome { report })?);
-        return Ok(());
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        print(&report);
     }
-    print(&report);
-    Ok(())
+    match report.warnings.len() {
+        0 if report.figures.is_none() => bail!("nothing could be compared"),
+        0 => Ok(()),
+        1 => bail!("one doubt about the set-up"),
+        count => bail!("{count} doubts about the set-up"),
+    }
 }
 
 fn print(report: &SetupReport) {
     match &report.figures {
         Some(figures) => println!("{} ({} keyframes)", figures.text(), figures.keyframes),
-        None => println!("too few images with line points to compare set-ups"),
+        None => {
+            println!("too few images with line points, or too little motion, to compare set-ups")
+        }
     }
     if report.suggestions.is_empty() && report.warnings.is_empty() {
-        println!("no other set-up explains the recording better");
+        if report.figures.is_some() {
+            println!("no other set-up explains the recording better");
+        }
         return;
     }
     let mut last_step = 0;
@@ -54,12 +55,17 @@ fn print(report: &SetupReport) {
         let Suggestion {
             change,
             cause,
+            firm,
             fit_before,
             fit_after,
             step,
             ..
         } = suggestion;
-        let joint = if *step == last_step { "or  " } else { "BAD " };
+        let joint = match (*step == last_step, firm) {
+            (true, _) => "or  ",
+            (false, true) => "BAD ",
+            (false, false) => "BAD perhaps ",
+        };
         last_step = *step;
         println!("{joint}{cause}");
         println!(
@@ -68,9 +74,7 @@ fn print(report: &SetupReport) {
             100.0 * fit_before
         );
     }
-    if report.suggestions.is_empty() {
-        for warning in &report.warnings {
-            println!("BAD {warning}");
-        }
+    for doubt in &report.doubts {
+        println!("BAD {doubt}");
     }
 }

@@ -1,0 +1,160 @@
+//! Would another centre, height or focal length of the camera explain the points better?
+
+use localize::setup_check::{Explanation, FieldTables, compare, explain, refine};
+use localize::{Field, math};
+use rayon::prelude::*;
+
+use super::assess::{Improvement, SCAN_KEYFRAMES, Trial};
+use super::change::Change;
+use super::measurements::thin_out;
+use super::variant::SetupVariant;
+
+/// Steps of the mirror's centre, pixels.
+const CENTRE_STEPS: [f32; 4] = [4.0, 2.0, 1.0, 0.5];
+/// A smaller shift of the centre is no mistake, pixels.
+const CENTRE_MIN: f32 = 1.5;
+/// Range of the camera's height against the configured one, metres.
+const HEIGHT_RANGE: f32 = 0.12;
+/// Steps of the height, metres: half of the first is within the matcher's reach.
+const HEIGHT_STEPS: [f32; 4] = [0.01, 0.004, 0.002, 0.001];
+/// A smaller change of the height is no mistake, metres.
+const HEIGHT_MIN: f32 = 0.005;
+/// Range and steps of the focal length, and its smallest change that is a mistake: shares of the focal length.
+const FOCAL_RANGE: f32 = 0.3;
+const FOCAL_STEPS: [f32; 4] = [0.025, 0.01, 0.005, 0.002];
+const FOCAL_MIN: f32 = 0.01;
+/// Share of the line points that must still show ground within reach: fewer points cost less without being explained.
+const POINTS_KEPT_MIN: f32 = 0.6;
+
+impl Trial<'_> {
+    /// The best centre of the mirror in the image, by steps to the neighbours. None for points without pixels.
+    pub(super) fn search_centre(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+    ) -> Option<(Change, Improvement)> {
+        if self
+            .measured
+            .iter()
+            .all(|keyframe| keyframe.pixels.is_empty())
+        {
+            return None;
+        }
+        let field = Field::new(variant.field.clone()).ok()?;
+        let mut tables = FieldTables::new(&field, &self.config);
+        let mut explain_at = |centre_shift: [f32; 2]| {
+            let after = SetupVariant {
+                centre_shift,
+                ..variant.clone()
+            };
+            let keyframes = after.apply(self.setup, self.measured);
+            let explanation = refine(&mut tables, &keyframes, now);
+            (explanation.cost(), after, explanation)
+        };
+        let before = explain_at(variant.centre_shift);
+        let mut best = before.clone();
+        for step in CENTRE_STEPS {
+            loop {
+                let [u, v] = best.1.centre_shift;
+                let neighbours = [[step, 0.0], [-step, 0.0], [0.0, step], [0.0, -step]];
+                let next = neighbours
+                    .map(|[du, dv]| explain_at([u + du, v + dv]))
+                    .into_iter()
+                    .min_by(|a, b| a.0.total_cmp(&b.0))?;
+                let [du, dv] = next.1.centre_shift;
+                if next.0 >= best.0 || math::hypot(du, dv) > 30.0 {
+                    break;
+                }
+                best = next;
+            }
+        }
+        let [u, v] = best.1.centre_shift;
+        let [u0, v0] = variant.centre_shift;
+        if math::hypot(u - u0, v - v0) < CENTRE_MIN {
+            return None;
+        }
+        let comparison = compare(&before.2, &best.2);
+        let change = Change::Centre(best.1.centre_shift);
+        let improvement = Improvement {
+            change: change.clone(),
+            after: best.1,
+            explanation: best.2,
+            comparison,
+        };
+        Some((change, improvement))
+    }
+
+    /// The best height and the best focal length, each alone. Empty unless the map was traced from a mirror's profile.
+    pub(super) fn search_optics(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+    ) -> Vec<(Change, Improvement)> {
+        let Some((height, focal)) = variant.optics(self.setup) else {
+            return Vec::new();
+        };
+        let change =
+            |value: f32, [range, least]: [f32; 2], steps: [f32; 4], of: fn(f32) -> Change| {
+                let best = self.best_value(variant, value, range, steps, of)?;
+                ((best - value).abs() >= least).then(|| of(best))
+            };
+        let changes = [
+            change(
+                height,
+                [HEIGHT_RANGE, HEIGHT_MIN],
+                HEIGHT_STEPS,
+                Change::Height,
+            ),
+            change(
+                focal,
+                [FOCAL_RANGE * focal, FOCAL_MIN * focal],
+                FOCAL_STEPS.map(|step| step * focal),
+                Change::FocalLength,
+            ),
+        ];
+        self.evaluate(variant, now, changes.into_iter().flatten().collect())
+    }
+
+    /// The value about `start` that explains a subset of the keyframes best.
+    fn best_value(
+        &self,
+        variant: &SetupVariant,
+        start: f32,
+        range: f32,
+        [coarse, fine @ ..]: [f32; 4],
+        change: fn(f32) -> Change,
+    ) -> Option<f32> {
+        let stride = self.measured.len().div_ceil(SCAN_KEYFRAMES).max(1);
+        let subset = thin_out(self.measured, stride);
+        let reach = self.config.branch_and_bound.range_max;
+        let field = Field::new(variant.field.clone()).ok()?;
+        let mut tables = FieldTables::new(&field, &self.config);
+        let configured = variant.apply(self.setup, &subset);
+        explain(&mut tables, &configured);
+        let within = |keyframes: &[localize::setup_check::Keyframe]| {
+            let points = keyframes.iter().flat_map(|keyframe| &keyframe.points);
+            points.filter(|point| point.at.distance() < reach).count() as f32
+        };
+        let points_min = POINTS_KEPT_MIN * within(&configured);
+        let cost = |value: f32| {
+            let keyframes = change(value).apply(variant).apply(self.setup, &subset);
+            (within(&keyframes) >= points_min)
+                .then(|| (value, explain(&mut tables.clone(), &keyframes).cost()))
+        };
+        let cheapest = |values: Vec<f32>| {
+            let costs: Vec<(f32, f32)> = values.into_par_iter().filter_map(cost).collect();
+            let best = costs.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
+            best.map(|(value, _)| value)
+        };
+        let steps = (range / coarse).round() as i32;
+        let mut best = cheapest(
+            (-steps..=steps)
+                .map(|k| start + coarse * k as f32)
+                .collect(),
+        )?;
+        for step in fine {
+            best = cheapest((-2..=2).map(|k| best + step * k as f32).collect())?;
+        }
+        Some(best)
+    }
+}

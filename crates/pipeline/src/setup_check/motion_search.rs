@@ -1,0 +1,81 @@
+//! Would a camera turned by any angle, or other wheels, explain the steps between keyframes better?
+
+use std::f32::consts::FRAC_PI_4;
+
+use localize::frames::wrap_angle;
+use localize::setup_check::Explanation;
+use nalgebra::Matrix3;
+
+use super::assess::{Improvement, Trial};
+use super::change::Change;
+use super::variant::SetupVariant;
+use super::wheel_fit::{angle_between, matrix_between};
+
+/// A smaller turn of the camera is no mistake, radians.
+const TURN_MIN: f32 = 2.0 * std::f32::consts::PI / 180.0;
+/// Standard deviations that a turn must have.
+const TURN_SIGMAS: f32 = 3.0;
+/// Turns so close to a quarter are left to the mounts, radians.
+const QUARTER_REACH: f32 = 0.035;
+/// Log likelihood that the nine elements of a wheels' matrix must gain: half the logarithm of some forty steps, each.
+const MATRIX_COST: f32 = 9.0 * 2.0;
+/// Corrections of a matrix: steps of wrong wheels join with an error.
+const MATRIX_PASSES: usize = 3;
+
+impl Trial<'_> {
+    /// The camera turned by the angle between wheels and poses. `wide`: starts at odd multiples of 45 degrees, too.
+    pub(super) fn search_turn(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+        wide: bool,
+    ) -> Vec<(Change, Improvement)> {
+        let mut turns = Vec::new();
+        if let Some((angle, std)) = angle_between(&now.steps()) {
+            if angle.abs() > TURN_MIN && angle.abs() > TURN_SIGMAS * std {
+                turns.push(-angle);
+            }
+        }
+        if wide {
+            for start in [1.0, 3.0, 5.0, 7.0].map(|odd| wrap_angle(odd * FRAC_PI_4)) {
+                let turned = Change::CameraTurn(start).apply(variant);
+                let steps = self
+                    .explain(&turned, self.measured)
+                    .map(|found| found.steps());
+                let found = steps.and_then(|steps| angle_between(&steps));
+                turns.extend(found.map(|(angle, _)| wrap_angle(start - angle)));
+            }
+        }
+        let mut changes: Vec<Change> = Vec::new();
+        for turn in turns {
+            let quarter = (turn / (2.0 * FRAC_PI_4)).round() * 2.0 * FRAC_PI_4;
+            let is_mount = quarter.abs() > 0.1 && (turn - quarter).abs() < QUARTER_REACH;
+            let is_known = changes.iter().any(|known| {
+                matches!(known, Change::CameraTurn(other) if wrap_angle(turn - other).abs() < TURN_MIN)
+            });
+            if turn.abs() > TURN_MIN && !is_mount && !is_known {
+                changes.push(Change::CameraTurn(turn));
+            }
+        }
+        self.evaluate(variant, now, changes)
+    }
+
+    /// The wheels corrected by a matrix. Its gain is reduced by the cost of its elements.
+    pub(super) fn search_wheels(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+    ) -> Option<(Change, Improvement)> {
+        let mut total = Matrix3::identity();
+        let mut explanation = now.clone();
+        for _ in 0..MATRIX_PASSES {
+            total = matrix_between(&explanation.steps())? * total;
+            let after = Change::WheelMatrix(total).apply(variant);
+            explanation = self.explain(&after, self.measured)?;
+        }
+        let found = self.evaluate(variant, now, vec![Change::WheelMatrix(total)]);
+        let (change, mut improvement) = found.into_iter().next()?;
+        improvement.comparison.gain -= MATRIX_COST;
+        Some((change, improvement))
+    }
+}

@@ -1,0 +1,219 @@
+//! By which angle, and by which matrix, do the wheels differ from the poses? Robust fits to the steps between keyframes.
+
+use localize::math;
+use localize::setup_check::MeasuredStep;
+use nalgebra::{Matrix3, Matrix6, RowVector6, Vector3, Vector6};
+
+/// Shorter steps say little about a direction, metres.
+const STEP_MIN: f32 = 0.1;
+/// Fewer steps fit anything.
+const STEPS_MIN: usize = 6;
+/// Expected errors of a step between two poses: metres, radians.
+const STEP_STD: (f32, f32) = (0.03, 0.04);
+/// Standard deviations of what right wheels may have: shares by which they measure one direction longer than another, and
+/// metres by which their centre is off.
+const UNEVEN_STD: f32 = 0.04;
+const OFFSET_STD: f32 = 0.03;
+/// Standard deviation of the elements of a matrix of wrong wheels.
+const MATRIX_STD: f32 = 0.3;
+/// Directions that count as the same one, radians.
+const SAME_DIRECTION: f32 = 0.2;
+/// Passes of the reweighted fit.
+const PASSES: usize = 8;
+
+/// Angle from the wheels' steps to those of the poses, radians, with its standard deviation.
+///
+/// Unevenly long directions and an offset of the centre are fitted along with it: they turn single steps, and make the angle
+/// uncertain where the robot has driven in one direction only. None for too few steps that agree on an angle.
+pub(super) fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
+    let steps: Vec<([f32; 3], [f32; 2])> = steps
+        .iter()
+        .map(|step| {
+            let (wheels, poses) = (step.wheels, step.poses);
+            ([wheels.x, wheels.y, wheels.theta], [poses.x, poses.y])
+        })
+        .filter(|([wx, wy, _], [x, y])| {
+            let (wheels, poses) = (math::hypot(*wx, *wy), math::hypot(*x, *y));
+            wheels > STEP_MIN && poses > 0.5 * wheels && poses < 2.0 * wheels
+        })
+        .collect();
+    if steps.len() < STEPS_MIN {
+        return None;
+    }
+    let angle = |&([wx, wy, _], [x, y]): &([f32; 3], [f32; 2])| {
+        math::atan2(wx * y - wy * x, wx * x + wy * y)
+    };
+    let angles: Vec<f32> = steps.iter().map(angle).collect();
+    let near = |one: f32| {
+        let others = angles.iter();
+        let same = others
+            .filter(|other| localize::frames::wrap_angle(*other - one).abs() < SAME_DIRECTION);
+        same.count()
+    };
+    let (start, agreeing) = angles
+        .iter()
+        .map(|one| (*one, near(*one)))
+        .max_by_key(|(_, count)| *count)?;
+    if 2 * agreeing < steps.len() {
+        return None;
+    }
+    // Rotation and scale, unevenness, offset of the centre.
+    let mut fitted = Vector6::new(math::cos(start), math::sin(start), 0.0, 0.0, 0.0, 0.0);
+    let prior = Vector6::new(10.0, 10.0, UNEVEN_STD, UNEVEN_STD, OFFSET_STD, OFFSET_STD)
+        .map(|std| 1.0 / (std * std));
+    let mut covariance = Matrix6::zeros();
+    for _ in 0..PASSES {
+        let rows = |[wx, wy, turn]: [f32; 3]| {
+            [
+                RowVector6::new(wx, -wy, wx, wy, turn, 0.0),
+                RowVector6::new(wy, wx, -wy, wx, 0.0, turn),
+            ]
+        };
+        let errors: Vec<f32> = steps
+            .iter()
+            .map(|(wheels, [x, y])| {
+                let [row_x, row_y] = rows(*wheels);
+                math::hypot((row_x * fitted).x - x, (row_y * fitted).x - y)
+            })
+            .collect();
+        let std = spread(&errors).max(STEP_STD.0);
+        let mut information = Matrix6::from_diagonal(&prior);
+        let mut vector = Vector6::zeros();
+        for ((wheels, target), error) in steps.iter().zip(&errors) {
+            let weight = weight(error / std) / (std * std);
+            for (row, value) in rows(*wheels).iter().zip(target) {
+                information += row.transpose() * row * weight;
+                vector += row.transpose() * (*value * weight);
+            }
+        }
+        covariance = information.try_inverse()?;
+        fitted = covariance * vector;
+    }
+    let scale = math::hypot(fitted[0], fitted[1]);
+    let across = Vector6::new(-fitted[1], fitted[0], 0.0, 0.0, 0.0, 0.0) / (scale * scale);
+    let std = (across.transpose() * covariance * across).x.sqrt();
+    (scale > 0.3).then(|| (math::atan2(fitted[1], fitted[0]), std))
+}
+
+/// The matrix by which the wheels' motion (metres, metres, radians) becomes that of the poses. None for too few steps.
+pub(super) fn matrix_between(steps: &[MeasuredStep]) -> Option<Matrix3<f32>> {
+    let pairs: Vec<(Vector3<f32>, Vector3<f32>)> = steps
+        .iter()
+        .map(|step| (step.wheels, step.poses))
+        .map(|(wheels, poses)| {
+            let vector = |x: f32, y: f32, turn: f32| Vector3::new(x, y, turn);
+            (
+                vector(wheels.x, wheels.y, wheels.theta),
+                vector(poses.x, poses.y, poses.theta),
+            )
+        })
+        .collect();
+    if pairs.len() < STEPS_MIN {
+        return None;
+    }
+    let mut matrix = Matrix3::identity();
+    for _ in 0..PASSES {
+        let errors: Vec<f32> = pairs
+            .iter()
+            .map(|(wheels, poses)| {
+                let error = matrix * wheels - poses;
+                let (position, turn) = (math::hypot(error.x, error.y), error.z);
+                math::hypot(position / STEP_STD.0, turn / STEP_STD.1)
+            })
+            .collect();
+        let std = spread(&errors).max(1.0);
+        let mut information = Matrix3::identity() / (MATRIX_STD * MATRIX_STD);
+        let mut products = information;
+        for ((wheels, poses), error) in pairs.iter().zip(&errors) {
+            let weight = weight(error / std) / (STEP_STD.0 * std).powi(2);
+            information += wheels * wheels.transpose() * weight;
+            products += poses * wheels.transpose() * weight;
+        }
+        matrix = products * information.try_inverse()?;
+    }
+    Some(matrix)
+}
+
+/// Standard deviation of errors by their median, so that outliers do not count.
+fn spread(errors: &[f32]) -> f32 {
+    let mut sorted = errors.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    sorted
+        .get(sorted.len() / 2)
+        .map_or(0.0, |median| 1.2 * median)
+}
+
+/// Weight of an error in standard deviations: an outlier has next to none.
+fn weight(deviation: f32) -> f32 {
+    (1.0 + (deviation / 2.0).powi(2)).powi(-2)
+}
+
+#[cfg(test)]
+mod tests {
+    use localize::frames::Tf;
+
+    use super::*;
+
+    /// Steps in many directions of wheels that measure `matrix`⁻¹ of the motion and of poses turned by `angle`, with noise;
+    /// every sixth pose is a wrong one.
+    fn steps(angle: f32, matrix: Matrix3<f32>) -> Vec<MeasuredStep> {
+        let inverse = matrix.try_inverse().expect("a matrix");
+        (0..36)
+            .map(|k| {
+                let at = k as f32;
+                let direction = 2.1 * at;
+                let true_step = Vector3::new(
+                    0.4 * direction.cos(),
+                    0.4 * direction.sin(),
+                    0.3 * (1.3 * at).sin(),
+                );
+                let wheels = inverse * true_step;
+                let noise = 0.01 * (7.7 * at).sin();
+                let (s, c) = angle.sin_cos();
+                let (x, y) = (true_step.x, true_step.y);
+                let jump = if k % 6 == 5 { 0.5 } else { 0.0 };
+                MeasuredStep {
+                    wheels: Tf::new(wheels.x, wheels.y, wheels.z),
+                    poses: Tf::new(
+                        c * x - s * y + noise + jump,
+                        s * x + c * y - noise,
+                        true_step.z,
+                    ),
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn angle_of_a_turned_camera_is_found_beside_outliers() {
+        for degrees in [-170.0_f32, -45.0, 0.0, 3.0, 10.0] {
+            let (angle, std) =
+                angle_between(&steps(degrees.to_radians(), Matrix3::identity())).expect("an angle");
+            let error = angle.to_degrees() - degrees;
+            assert!(error.abs() < 1.0, "{degrees}: {error} off");
+            assert!(std.to_degrees() < 1.5, "{degrees}: +-{}", std.to_degrees());
+        }
+    }
+
+    #[test]
+    fn angle_of_one_direction_of_driving_is_uncertain() {
+        let straight: Vec<_> = (0..30)
+            .map(|_| MeasuredStep {
+                wheels: Tf::new(0.4, 0.0, 0.0),
+                poses: Tf::new(0.4, 0.016, 0.0),
+            })
+            .collect();
+        let (angle, std) = angle_between(&straight).expect("an angle");
+        assert!(
+            angle.abs() < 2.0 * std,
+            "{angle} +- {std}: uneven wheels would do the same"
+        );
+    }
+
+    #[test]
+    fn matrix_of_wrong_wheels_is_found_beside_outliers() {
+        let wrong = Matrix3::new(1.2, 0.1, 0.02, -0.08, 0.8, 0.0, 0.1, 0.0, 0.9);
+        let found = matrix_between(&steps(0.0, wrong)).expect("a matrix");
+        assert!((found - wrong).norm() < 0.08, "{found}");
+    }
+}
