@@ -188,32 +188,7 @@ pub fn check(
         figures: Some(figures(configured)),
         ..SetupReport::default()
     };
-    let mut before = configured;
-    for (step, alternatives) in assessment.improvements.iter().enumerate() {
-        report
-            .suggestions
-            .extend(alternatives.iter().map(|improvement| Suggestion {
-                change: improvement.change.text(setup, &improvement.after),
-                cause: improvement.change.cause().to_owned(),
-                firm: is_firm(improvement),
-                fit_before: before.fit(),
-                fit_after: improvement.explanation.fit(),
-                gain: Some(improvement.comparison.gain),
-                step: step + 1,
-            }));
-        let Some(best) = alternatives.first() else {
-            continue;
-        };
-        let perhaps = if is_firm(best) { "" } else { "perhaps " };
-        report.warnings.push(format!(
-            "{perhaps}{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
-            best.change.cause(),
-            best.change.text(setup, &best.after),
-            100.0 * best.explanation.fit(),
-            100.0 * before.fit(),
-        ));
-        before = &best.explanation;
-    }
+    report.suggest(setup, &assessment);
     if assessment.fits_no_better_than_random {
         report.doubt(format!(
             "the line points fit this field no better than other fields ({:.0} % on markings): check the field file, and the map or mirror profile",
@@ -363,6 +338,35 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
 }
 
 impl SetupReport {
+    /// Adds the edits that explain the measurements better, with a warning for the best of each step.
+    fn suggest(&mut self, setup: &Setup, assessment: &Assessment) {
+        let mut before = &assessment.configured;
+        for (step, alternatives) in assessment.improvements.iter().enumerate() {
+            self.suggestions
+                .extend(alternatives.iter().map(|improvement| Suggestion {
+                    change: improvement.change.text(setup, &improvement.after),
+                    cause: improvement.change.cause().to_owned(),
+                    firm: is_firm(improvement),
+                    fit_before: before.fit(),
+                    fit_after: improvement.explanation.fit(),
+                    gain: Some(improvement.comparison.gain),
+                    step: step + 1,
+                }));
+            let Some(best) = alternatives.first() else {
+                continue;
+            };
+            let perhaps = if is_firm(best) { "" } else { "perhaps " };
+            self.warnings.push(format!(
+                "{perhaps}{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
+                best.change.cause(),
+                best.change.text(setup, &best.after),
+                100.0 * best.explanation.fit(),
+                100.0 * before.fit(),
+            ));
+            before = &best.explanation;
+        }
+    }
+
     /// Adds a warning for which no edit is known.
     fn doubt(&mut self, text: String) {
         self.doubts.push(text.clone());

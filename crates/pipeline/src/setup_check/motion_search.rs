@@ -31,10 +31,11 @@ impl Trial<'_> {
         wide: bool,
     ) -> Vec<(Change, Improvement)> {
         let mut turns = Vec::new();
-        if let Some((angle, std)) = angle_between(&now.steps()) {
-            if angle.abs() > TURN_MIN && angle.abs() > TURN_SIGMAS * std {
-                turns.push(-angle);
-            }
+        if let Some((angle, std)) = angle_between(&now.steps())
+            && angle.abs() > TURN_MIN
+            && angle.abs() > TURN_SIGMAS * std
+        {
+            turns.push(-angle);
         }
         if wide {
             for start in [1.0, 3.0, 5.0, 7.0].map(|odd| wrap_angle(odd * FRAC_PI_4)) {
