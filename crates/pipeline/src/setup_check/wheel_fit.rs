@@ -163,13 +163,13 @@ mod tests {
                 let at = k as f32;
                 let direction = 2.1 * at;
                 let true_step = Vector3::new(
-                    0.4 * direction.cos(),
-                    0.4 * direction.sin(),
-                    0.3 * (1.3 * at).sin(),
+                    0.4 * math::cos(direction),
+                    0.4 * math::sin(direction),
+                    0.3 * math::sin(1.3 * at),
                 );
                 let wheels = inverse * true_step;
-                let noise = 0.01 * (7.7 * at).sin();
-                let (s, c) = angle.sin_cos();
+                let noise = 0.01 * math::sin(7.7 * at);
+                let (s, c) = (math::sin(angle), math::cos(angle));
                 let (x, y) = (true_step.x, true_step.y);
                 let jump = if k % 6 == 5 { 0.5 } else { 0.0 };
                 MeasuredStep {
