@@ -201,7 +201,11 @@ impl Trial<'_> {
                 let comparison = &improvement.comparison;
                 // A turn of a few degrees gains little: its own uncertainty has decided.
                 let is_turn = matches!(improvement.change, Change::CameraTurn(_));
-                comparison.is_better() || (is_turn && comparison.gain > 0.0)
+                // A longer path has larger expected errors: another unit must agree, not only cost less.
+                let is_scale = matches!(improvement.change, Change::OdometryScale(_));
+                let agree = improvement.explanation.wheels_agree().unwrap_or(0.0);
+                (comparison.is_better() && !(is_scale && agree < SCALES_TRIED_BELOW))
+                    || (is_turn && comparison.gain > 0.0)
             })
             .collect();
         if other_fields && better.is_empty() {
@@ -210,8 +214,12 @@ impl Trial<'_> {
         better.sort_by(|a, b| b.comparison.gain.total_cmp(&a.comparison.gain));
         if let Some(best) = better.first().cloned() {
             better.retain(|other| !compare(&other.explanation, &best.explanation).is_better());
-            // Of equally good ones the camera's mount is the likelier mistake.
-            better.sort_by_key(|other| !matches!(other.change, Change::Mount { .. }));
+            // Of equally good ones the camera's mount, then a unit, is the likelier mistake.
+            better.sort_by_key(|other| match other.change {
+                Change::Mount { .. } => 0,
+                Change::OdometryScale(_) => 1,
+                _ => 2,
+            });
         }
         (better, arbitrary)
     }

@@ -8,6 +8,7 @@ mod assess;
 mod camera_search;
 mod change;
 mod collector;
+mod doubts;
 mod field_sizes;
 mod measurements;
 mod motion_search;
@@ -34,7 +35,7 @@ use crate::config::PipelineConfig;
 use crate::log::{LogReader, UnpackedSetup};
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
-use assess::{ARBITRARY_MAX, Assessment, Improvement, assess, compass_agreement_in_degrees};
+use assess::{Assessment, Improvement, assess, compass_agreement_in_degrees};
 use change::Change;
 
 /// How well the set-up explains its measurements.
@@ -115,8 +116,6 @@ const DOUBT_STD: (f32, f32) = (0.25, 0.1);
 /// Share of compass readings that agree although the range of the column looks like degrees.
 const COMPASS_FINE: f32 = 0.8;
 
-/// Wheels or compass that agree less are doubted even if no edit is found.
-const SENSORS_POOR: f32 = 0.4;
 /// Share of what an edit affects that is explained with it. An edit that explains less is a candidate only.
 const FIRM_MIN: f32 = 0.85;
 
@@ -197,38 +196,7 @@ pub fn check(
     }
     let last = assessment.improvements.last().and_then(|last| last.first());
     let explained = last.map_or(configured, |best| &best.explanation);
-    if explained.on_markings() < ARBITRARY_MAX {
-        if !assessment.fits_no_better_than_random {
-            report.doubt(format!(
-                "only {:.0} % of the line points on markings: the map, height or focal length may be wrong",
-                100.0 * explained.on_markings()
-            ));
-        }
-    } else {
-        let known = |table| ranges.iter().any(|finding| finding.table == table);
-        let is_named = assessment.improvements.iter().flatten().any(|found| {
-            matches!(
-                found.change,
-                Change::OdometryScale(_) | Change::OdometryRotationInDegrees
-            )
-        });
-        if let Some((rows, path)) = still.filter(|_| !is_named) {
-            report.doubt(format!(
-                "odometry.csv: the wheels report no motion in {rows} rows, but the images show one of about {path:.1} m"
-            ));
-        } else if !known(Table::Odometry) {
-            let agree = explained
-                .wheels_agree()
-                .filter(|share| *share < SENSORS_POOR);
-            report.doubt_sensor("wheels", "odometry.csv", agree);
-        }
-        if !known(Table::Compass) {
-            let agree = explained
-                .compass_agrees()
-                .filter(|share| *share < SENSORS_POOR);
-            report.doubt_sensor("compass", "compass.csv", agree);
-        }
-    }
+    report.add_doubts(&assessment, explained, still, &ranges);
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
     let named = |change: fn(&Change) -> bool| {
         let all = assessment.improvements.iter().flatten();

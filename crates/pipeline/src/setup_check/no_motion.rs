@@ -9,7 +9,7 @@ use super::measurements::{MeasuredKeyframe, WHEEL_PATH_MIN, wheel_path};
 const STEP_MIN: f32 = 0.05;
 const PATH_MIN: f32 = 0.4;
 
-/// Path and number of the odometry's rows, if there are any and they report no motion: metres.
+/// Number of the odometry's rows, if there are any and they report no motion.
 pub(super) fn rows_without_motion(measured: &[MeasuredKeyframe]) -> Option<usize> {
     let rows: Vec<[f32; 3]> = measured
         .iter()

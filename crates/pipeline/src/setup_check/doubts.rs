@@ -1,0 +1,73 @@
+//! What is wrong although no edit is known? Points off the markings, sensors that do not agree.
+
+use localize::setup_check::Explanation;
+
+use super::SetupReport;
+use super::assess::{ARBITRARY_MAX, Assessment};
+use super::change::Change;
+use super::ranges::RangeFinding;
+use crate::recording::Table;
+
+/// Wheels or compass that agree less are doubted even if no edit is found.
+const SENSORS_POOR: f32 = 0.4;
+
+impl SetupReport {
+    /// Adds a warning for which no edit is known.
+    pub(super) fn doubt(&mut self, text: String) {
+        self.doubts.push(text.clone());
+        self.warnings.push(text);
+    }
+
+    /// Doubts what `explained`, with all edits made, leaves unexplained; `still`: rows of wheels that report no motion, and
+    /// the path of the poses, metres.
+    pub(super) fn add_doubts(
+        &mut self,
+        assessment: &Assessment,
+        explained: &Explanation,
+        still: Option<(usize, f32)>,
+        ranges: &[RangeFinding],
+    ) {
+        if explained.on_markings() < ARBITRARY_MAX {
+            if !assessment.fits_no_better_than_random {
+                self.doubt(format!(
+                "only {:.0} % of the line points on markings: the map, height or focal length may be wrong",
+                100.0 * explained.on_markings()
+            ));
+            }
+        } else {
+            let known = |table| ranges.iter().any(|finding| finding.table == table);
+            let is_named = assessment.improvements.iter().flatten().any(|found| {
+                matches!(
+                    found.change,
+                    Change::OdometryScale(_) | Change::OdometryRotationInDegrees
+                )
+            });
+            if let Some((rows, path)) = still.filter(|_| !is_named) {
+                self.doubt(format!(
+                "odometry.csv: the wheels report no motion in {rows} rows, but the images show one of about {path:.1} m"
+            ));
+            } else if !known(Table::Odometry) {
+                let agree = explained
+                    .wheels_agree()
+                    .filter(|share| *share < SENSORS_POOR);
+                self.doubt_sensor("wheels", "odometry.csv", agree);
+            }
+            if !known(Table::Compass) {
+                let agree = explained
+                    .compass_agrees()
+                    .filter(|share| *share < SENSORS_POOR);
+                self.doubt_sensor("compass", "compass.csv", agree);
+            }
+        }
+    }
+
+    /// Adds a warning that a sensor agrees with few of the poses, if `agree` is given.
+    fn doubt_sensor(&mut self, sensor: &str, file: &str, agree: Option<f32>) {
+        if let Some(share) = agree {
+            self.doubt(format!(
+                "the {sensor} and the images agree by only {:.0} %: check units, signs and axes of {file}",
+                100.0 * share
+            ));
+        }
+    }
+}
