@@ -69,7 +69,7 @@ const SCALES_TRIED_BELOW: f32 = 0.5;
 /// Factors of the wheels' path: centimetres, millimetres, and the opposite confusions.
 const ODOMETRY_SCALES: [f32; 4] = [0.01, 0.001, 100.0, 1000.0];
 /// Share of points below which a field may be an arbitrary one.
-pub(super) const ARBITRARY_MAX: f32 = 0.75;
+const ARBITRARY_MAX: f32 = 0.75;
 
 /// The measurements that every set-up is tried on.
 pub(super) struct Trial<'a> {

@@ -3,11 +3,14 @@
 use localize::setup_check::Explanation;
 
 use super::SetupReport;
-use super::assess::{ARBITRARY_MAX, Assessment};
+use super::assess::Assessment;
 use super::change::Change;
 use super::ranges::RangeFinding;
 use crate::recording::Table;
 
+/// Share of points on markings below which the map is doubted even if no edit is found: half of the points are false in the
+/// worst halls.
+const POINTS_POOR: f32 = 0.45;
 /// Wheels or compass that agree less are doubted even if no edit is found.
 const SENSORS_POOR: f32 = 0.4;
 
@@ -27,7 +30,7 @@ impl SetupReport {
         still: Option<(usize, f32)>,
         ranges: &[RangeFinding],
     ) {
-        if explained.on_markings() < ARBITRARY_MAX {
+        if explained.on_markings() < POINTS_POOR {
             if !assessment.fits_no_better_than_random {
                 self.doubt(format!(
                 "only {:.0} % of the line points on markings: the map, height or focal length may be wrong",

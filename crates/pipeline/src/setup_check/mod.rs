@@ -187,7 +187,32 @@ pub fn check(
         figures: Some(figures(configured)),
         ..SetupReport::default()
     };
-    report.suggest(setup, &assessment);
+    let mut before = configured;
+    for (step, alternatives) in assessment.improvements.iter().enumerate() {
+        report
+            .suggestions
+            .extend(alternatives.iter().map(|improvement| Suggestion {
+                change: improvement.change.text(setup, &improvement.after),
+                cause: improvement.change.cause().to_owned(),
+                firm: is_firm(improvement),
+                fit_before: before.fit(),
+                fit_after: improvement.explanation.fit(),
+                gain: Some(improvement.comparison.gain),
+                step: step + 1,
+            }));
+        let Some(best) = alternatives.first() else {
+            continue;
+        };
+        let perhaps = if is_firm(best) { "" } else { "perhaps " };
+        report.warnings.push(format!(
+            "{perhaps}{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
+            best.change.cause(),
+            best.change.text(setup, &best.after),
+            100.0 * best.explanation.fit(),
+            100.0 * before.fit(),
+        ));
+        before = &best.explanation;
+    }
     if assessment.fits_no_better_than_random {
         report.doubt(format!(
             "the line points fit this field no better than other fields ({:.0} % on markings): check the field file, and the map or mirror profile",
@@ -306,51 +331,6 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
 }
 
 impl SetupReport {
-    /// Adds the edits that explain the measurements better, with a warning for the best of each step.
-    fn suggest(&mut self, setup: &Setup, assessment: &Assessment) {
-        let mut before = &assessment.configured;
-        for (step, alternatives) in assessment.improvements.iter().enumerate() {
-            self.suggestions
-                .extend(alternatives.iter().map(|improvement| Suggestion {
-                    change: improvement.change.text(setup, &improvement.after),
-                    cause: improvement.change.cause().to_owned(),
-                    firm: is_firm(improvement),
-                    fit_before: before.fit(),
-                    fit_after: improvement.explanation.fit(),
-                    gain: Some(improvement.comparison.gain),
-                    step: step + 1,
-                }));
-            let Some(best) = alternatives.first() else {
-                continue;
-            };
-            let perhaps = if is_firm(best) { "" } else { "perhaps " };
-            self.warnings.push(format!(
-                "{perhaps}{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
-                best.change.cause(),
-                best.change.text(setup, &best.after),
-                100.0 * best.explanation.fit(),
-                100.0 * before.fit(),
-            ));
-            before = &best.explanation;
-        }
-    }
-
-    /// Adds a warning for which no edit is known.
-    fn doubt(&mut self, text: String) {
-        self.doubts.push(text.clone());
-        self.warnings.push(text);
-    }
-
-    /// Adds a warning that a sensor agrees with few of the poses, if `agree` is given.
-    fn doubt_sensor(&mut self, sensor: &str, file: &str, agree: Option<f32>) {
-        if let Some(share) = agree {
-            self.doubt(format!(
-                "the {sensor} and the images agree by only {:.0} %: check units, signs and axes of {file}",
-                100.0 * share
-            ));
-        }
-    }
-
     /// Adds what the ranges of the tables betray.
     fn with_ranges(mut self, ranges: &[RangeFinding]) -> Self {
         for finding in ranges {

@@ -31,12 +31,9 @@ impl Trial<'_> {
         wide: bool,
     ) -> Vec<(Change, Improvement)> {
         let mut turns = Vec::new();
-        if let Some((angle, std)) = angle_between(&now.steps())
-            && angle.abs() > TURN_MIN
-            && angle.abs() > TURN_SIGMAS * std
-        {
-            turns.push(-angle);
-        }
+        let known = angle_between(&now.steps());
+        let is_certain = |(angle, std): &(f32, f32)| angle.abs() > TURN_MIN.max(TURN_SIGMAS * std);
+        turns.extend(known.filter(is_certain).map(|(angle, _)| -angle));
         if wide {
             for start in [1.0, 3.0, 5.0, 7.0].map(|odd| wrap_angle(odd * FRAC_PI_4)) {
                 let turned = Change::CameraTurn(start).apply(variant);

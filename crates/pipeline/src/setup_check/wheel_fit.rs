@@ -169,7 +169,7 @@ mod tests {
                 );
                 let wheels = inverse * true_step;
                 let noise = 0.01 * math::sin(7.7 * at);
-                let (s, c) = math::sin_cos(angle);
+                let (s, c) = (math::sin(angle), math::cos(angle));
                 let (x, y) = (true_step.x, true_step.y);
                 let jump = if k % 6 == 5 { 0.5 } else { 0.0 };
                 MeasuredStep {
