@@ -111,23 +111,6 @@ fn the_advice_is_given_in_the_robot_frame() {
 }
 
 #[test]
-fn a_covered_sector_is_turned_away_from_the_marking() {
-    let mut config = line_with_one_crossing().config;
-    config.extra_lines[1] = [3.0, -0.8, 3.0, 0.8];
-    config.extra_lines.push([-3.3, -0.4, -3.3, 0.4]);
-    let scene = Scene::new(Field::new(config).expect("a field"), 2.5);
-    // Both expect a crossing ahead, 1.8 m and 1.2 m away. No point is seen in this sector: something covers it.
-    let poses = [Pose::new(1.2, 0.3, 0.0), Pose::new(-4.5, 0.3, 0.0)];
-    let mut points = scene.points(poses[0]);
-    points.retain(|point| point.at.bearing().abs() > 0.8);
-    let nothing = CheckedMarkings::default();
-    let advice = scene.advise_considering(&points, poses, [&nothing, &nothing]);
-    let advice = advice.expect("a motion");
-    assert!(advice.motion[2].abs() > 0.5, "{advice:?}");
-    assert!(Advice::Move(advice).text().starts_with("turn by "));
-}
-
-#[test]
 fn markings_that_were_in_view_without_a_decision_are_not_visited_again() {
     let scene = Scene::new(line_with_one_crossing(), 2.5);
     let poses = [Pose::new(-0.2, 0.3, 0.0), Pose::new(-4.5, 0.3, 0.0)];
