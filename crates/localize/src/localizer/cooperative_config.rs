@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CooperativeConfig {
-    /// Correct the pose by team-mates.
+    /// Correct the pose by team-mates. Measured with drawn sightings only, so it is off.
     pub enabled: bool,
     /// Team-mates correct a pose whose position has at least this standard deviation, metres. A smaller value relies more
     /// on team-mates, whose errors last longer than assumed.
@@ -39,7 +39,7 @@ pub struct CooperativeConfig {
 impl Default for CooperativeConfig {
     fn default() -> Self {
         CooperativeConfig {
-            enabled: true,
+            enabled: false,
             own_std_min: 0.05,
             own_std_max: 0.5,
             helper_std_max: 0.1,

@@ -57,7 +57,10 @@ impl Default for CooperativeExperiment {
             speed_max: 3.0,
             sees_robots: true,
             blind: 10.0,
-            config: CooperativeConfig::default(),
+            config: CooperativeConfig {
+                enabled: true,
+                ..CooperativeConfig::default()
+            },
         }
     }
 }
