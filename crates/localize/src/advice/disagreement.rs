@@ -1,6 +1,6 @@
 //! Where on the field do two hypotheses predict different markings?
 
-use super::PointWeights;
+use super::weights::PointWeights;
 use crate::field::Marking;
 use crate::frames::{At, FieldFrame, Tf};
 use crate::matching::distance_field::DistanceField;

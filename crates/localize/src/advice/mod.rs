@@ -8,6 +8,7 @@ mod config;
 mod disagreement;
 mod motions;
 mod view;
+mod weights;
 
 use crate::field::Field;
 use crate::frames::Pose;
@@ -18,6 +19,7 @@ pub use config::AdviceConfig;
 use disagreement::{MarkingSample, Residual, sample_markings};
 use motions::{Motion, candidate_motions};
 use view::View;
+pub use weights::PointWeights;
 
 /// What would tell the hypotheses apart.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,19 +87,6 @@ pub struct Advisor {
     motions: Vec<Motion>,
     /// Half the carpet's extent, metres.
     half_extent: [f32; 2],
-}
-
-/// How the localizer weighs the points of an image.
-#[derive(Debug, Clone, Copy)]
-pub struct PointWeights {
-    /// Kernel scale in standard deviations of a point.
-    pub kernel_scale_sigmas: f32,
-    /// Standard deviation of the markings, metres.
-    pub map_std: f32,
-    /// Exponent of the points' likelihood.
-    pub likelihood_exponent: f32,
-    /// Log odds that decide between two hypotheses.
-    pub deciding_log_odds: f32,
 }
 
 impl Advisor {

@@ -1,6 +1,6 @@
 //! Where do lines end? At the centre of the line that they meet.
 
-use super::shapes::Shape;
+use super::shape::Shape;
 use crate::math;
 
 /// Both ends of a line, and its standard deviation across it, metres.

@@ -1,6 +1,7 @@
 //! Which images stand for the drive? Keyframes a short way apart, each with the points of the images up to the next.
 
-use super::{FieldMappingConfig, FieldMappingError, is_usable};
+use super::FieldMappingConfig;
+use super::error::FieldMappingError;
 use crate::frames::{At, Pose, RobotFrame, Tf};
 use crate::sample::LinePoint;
 
@@ -107,4 +108,14 @@ fn variance(point: &LinePoint, config: &FieldMappingConfig) -> f32 {
     let (range, height) = (point.at.distance(), config.viewpoint_height.max(0.05));
     let displaced = config.tilt_std_deg.to_radians() * (height * height + range * range) / height;
     (0.5 * sum + displaced * displaced).max(1e-4)
+}
+
+/// Is a point fit for mapping?
+fn is_usable(point: &LinePoint, config: &FieldMappingConfig) -> bool {
+    let range = point.at.distance();
+    point.at.x.is_finite()
+        && point.at.y.is_finite()
+        && range <= config.range_max
+        && point.std_radial.is_finite()
+        && point.std_tangential.is_finite()
 }

@@ -1,7 +1,8 @@
 //! How does a map become a field? Its longest direction is x, its middle the origin.
 
-use super::shapes::Shape;
-use super::{FieldMappingConfig, MapMotion};
+use super::FieldMappingConfig;
+use super::map_motion::MapMotion;
+use super::shape::Shape;
 use crate::field::{FieldConfig, GoalConfig, MeasuredTo};
 use crate::frames::At;
 use crate::math;

@@ -6,20 +6,23 @@
 
 mod config;
 mod elements;
+mod error;
 mod fit;
 mod junctions;
 mod keyframes;
 mod layout;
+mod map_motion;
 mod point_map;
 mod pose_graph;
 mod registration;
+mod shape;
 mod shapes;
 
 use crate::field::FieldConfig;
-use crate::frames::{FieldFrame, Pose, Tf};
-use crate::sample::LinePoint;
+use crate::frames::Pose;
 
 pub use config::FieldMappingConfig;
+pub use error::FieldMappingError;
 pub use keyframes::MappingImage;
 
 /// A field that was mapped from a drive.
@@ -39,22 +42,6 @@ pub struct MappedField {
     pub residual: f32,
     /// Keyframes that see markings which were first seen much earlier: the loops that hold the map together.
     pub revisits: usize,
-}
-
-/// Why a drive yields no field.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum FieldMappingError {
-    /// Too few images with line points.
-    #[error("too few images with line points: {0} (expected at least {1}). Record a longer drive")]
-    FewImages(usize, usize),
-    /// The robot did not move.
-    #[error("the wheels report no motion: a map needs a drive of several metres past the lines")]
-    NoMotion,
-    /// No line or arc.
-    #[error(
-        "no line or arc found in the line points of {0} images (expected straight pieces of at least half a metre)"
-    )]
-    NoMarkings(usize),
 }
 
 /// Maps the markings that a drive passed. Images in the order of time.
@@ -92,19 +79,6 @@ pub fn map_field(
         residual,
         revisits,
     })
-}
-
-/// A rigid motion of the map.
-pub(crate) type MapMotion = Tf<FieldFrame, FieldFrame>;
-
-/// Is a point fit for mapping?
-fn is_usable(point: &LinePoint, config: &FieldMappingConfig) -> bool {
-    let range = point.at.distance();
-    point.at.x.is_finite()
-        && point.at.y.is_finite()
-        && range <= config.range_max
-        && point.std_radial.is_finite()
-        && point.std_tangential.is_finite()
 }
 
 #[cfg(test)]

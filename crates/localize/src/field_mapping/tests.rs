@@ -1,5 +1,6 @@
 use super::*;
 use crate::field::Field;
+use crate::sample::LinePoint;
 use crate::synthetic::field_mapping::evaluate_mapping;
 use crate::synthetic::rough_drive::RoughDriveConfig;
 

@@ -19,6 +19,7 @@
 
 mod covariance;
 mod mate_errors;
+mod mate_update;
 mod odometry_correction;
 mod pose_update;
 mod predict;

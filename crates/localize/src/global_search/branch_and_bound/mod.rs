@@ -8,6 +8,7 @@
 mod best_first;
 mod bound;
 mod certificate;
+mod certified_share;
 mod config;
 mod gradual;
 mod rank;
@@ -15,7 +16,7 @@ mod tables;
 
 use nalgebra::Matrix3;
 
-pub use certificate::Certificate;
+pub use certified_share::Certificate;
 pub use config::BranchAndBoundConfig;
 pub use gradual::GradualSearch;
 
