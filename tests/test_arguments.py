@@ -31,7 +31,7 @@ WRONG: dict[str, Any] = {
 }
 
 RESULTS = {
-    "Cycle", "Detections", "Estimate", "Export", "Finding", "Fit", "GroundCost", "GroundErrors", "ImportSummary",
+    "Advice", "Certificate", "Cycle", "Detections", "Estimate", "Export", "Finding", "Fit", "GroundCost", "GroundErrors", "ImportSummary",
     "ImportedTopic",
     "BagTopic", "LogMessage", "Mirror", "ObjectSizes", "OpticalAnalysis", "OptimisationResult", "PaperFigure", "Pose",
     "Preview",

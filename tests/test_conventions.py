@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import mirrorball
 from conftest import ROOT
-from mirrorball import Field, GroundMap, Log, Mount, Pipeline, Pose, Run, Simulation, samples, vision
+from mirrorball import Field, GroundMap, Log, Mount, Pipeline, Pose, Run, Simulation, estimates, samples, vision
 from mirrorball import mirror as workshop
 from mirrorball.analysis.units import DIMENSIONLESS, UNIT
 from mirrorball.estimates import RunnerUp
@@ -63,7 +63,9 @@ class Samples:
         ground = mirrorball.ground_map(camera=camera, profile=design.profile())
         tracked = next(iter(cycle.robots), cycle.ball)
         return {
+            "Advice": lambda: estimates.Advice("drive on", (0.5, 0.0, 0.1)),
             "Camera": lambda: camera,
+            "Certificate": lambda: estimates.Certificate(120, 0.9, 0.6, 0.5, False),
             "ColourTable": self.colour_table,
             "Cycle": lambda: cycle,
             "Estimate": lambda: cycle.estimate,

@@ -9,6 +9,7 @@ use localize::setup_check::{Comparison, Explanation, FieldTables, compare, expla
 use rayon::prelude::*;
 
 use super::change::Change;
+use super::FIRM_MIN;
 use super::field_sizes;
 use super::measurements::{MeasuredKeyframe, thin_out};
 use super::variant::SetupVariant;
@@ -208,7 +209,11 @@ impl Trial<'_> {
                     || (is_turn && comparison.gain > 0.0)
             })
             .collect();
-        if other_fields && better.is_empty() {
+        // A field of another kind is explained half by many a change: it is tried unless a change explains the points.
+        let explained = better
+            .iter()
+            .any(|improvement| improvement.explanation.on_markings() >= FIRM_MIN);
+        if other_fields && !explained {
             better.extend(self.search_all_sizes(variant, now));
         }
         better.sort_by(|a, b| b.comparison.gain.total_cmp(&a.comparison.gain));
