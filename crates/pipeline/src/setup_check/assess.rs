@@ -8,8 +8,8 @@ use localize::field::FieldConfig;
 use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain};
 use rayon::prelude::*;
 
-use super::change::Change;
 use super::FIRM_MIN;
+use super::change::Change;
 use super::field_sizes;
 use super::measurements::{MeasuredKeyframe, thin_out};
 use super::variant::SetupVariant;

@@ -8,9 +8,11 @@ use super::rows::{COLUMN_STEP, SampledRow, SampledRows};
 use crate::image::ImageView;
 
 /// Pairs of rows above and below with which the step of a column is compared.
-const ROWS_BESIDE: usize = 4;
+const ROWS_BESIDE: usize = 6;
 /// A step is sharp if it is larger than this, brightness levels, and more than twice as large as each of those beside it.
 const STEP_MIN: u8 = 8;
+/// Most columns that count of an edge along the row.
+const EDGE_MAX: usize = 4;
 /// Difference of two rows over those of their neighbours from which a displacement is sought, largest displacement in
 /// pixels, and share of the difference that it leaves at most.
 const DISPLACED_RATIO: f32 = 1.35;
@@ -45,7 +47,7 @@ impl SeamFinder {
     ) -> Option<usize> {
         let read: Vec<&SampledRow> = rows.read_rows().collect();
         self.read_steps(rows, &read);
-        let joined = self.joined(&read, share_min);
+        let joined = self.joined(rows, &read, share_min);
         joined.or_else(|| self.displaced(rows, image, &read))
     }
 
@@ -76,7 +78,12 @@ impl SeamFinder {
     }
 
     /// The first row of the lower of two joined parts.
-    fn joined(&mut self, read: &[&SampledRow], share_min: f32) -> Option<usize> {
+    fn joined(
+        &mut self,
+        rows: &SampledRows,
+        read: &[&SampledRow],
+        share_min: f32,
+    ) -> Option<usize> {
         let pairs = self.differences.len();
         let mut beside = vec![0u8; self.columns];
         self.sharp.clear();
@@ -97,8 +104,10 @@ impl SeamFinder {
             let is_sharp = |((step, beside), (above, below)): ((&u8, &u8), (&bool, &bool))| {
                 above & below & (*step > STEP_MIN) & (*step / 2 > *beside)
             };
-            self.sharp
-                .push(steps.filter(|step| is_sharp(*step)).count());
+            let sharp = steps.map(is_sharp);
+            let [above, below] = [read[number], read[number + 1]].map(|row| rows.levels_of(row));
+            let brighter = above.iter().zip(below).map(|(above, below)| below > above);
+            self.sharp.push(count_by_edge(sharp.zip(brighter)));
         }
         let (seam, &most) = (self.sharp.iter().enumerate()).max_by_key(|(_, count)| **count)?;
         let others = self.sharp.iter().enumerate();
@@ -129,6 +138,21 @@ impl SeamFinder {
         });
         seam.map(|(number, _)| read[number + 3].row)
     }
+}
+
+/// Counts sharp steps, of those of one edge along the row at most [`EDGE_MAX`]: a marking that lies along the rows of
+/// the image is no seam. `steps`: is the column's step sharp, and is the lower row brighter?
+fn count_by_edge(steps: impl Iterator<Item = (bool, bool)>) -> usize {
+    let (mut count, mut run, mut last) = (0, 0, false);
+    for (is_sharp, brighter) in steps {
+        if !is_sharp || brighter != last {
+            run = 0;
+        }
+        run += usize::from(is_sharp);
+        count += usize::from(is_sharp && run <= EDGE_MAX);
+        last = brighter;
+    }
+    count
 }
 
 /// True if the row below one continues it much better when it is displaced.
@@ -164,4 +188,20 @@ fn is_displaced(rows: &SampledRows, image: &ImageView<'_>, above: &SampledRow) -
     let away = (0..=2 * most).filter(|shift| shift.abs_diff(most) >= 3);
     let best = away.map(difference).min().unwrap_or(u32::MAX);
     (best as f32) < DISPLACED_SHARE * in_place as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{EDGE_MAX, count_by_edge};
+
+    #[test]
+    fn marking_along_the_rows_counts_as_one_edge() {
+        let marking = [(true, true); 30];
+        assert_eq!(count_by_edge(marking.into_iter()), EDGE_MAX);
+        let crossed = marking.map(|step| [step, step, (false, false)]);
+        assert_eq!(count_by_edge(crossed.into_iter().flatten()), 60);
+        let of_two_pictures = marking.into_iter().zip([(true, false); 30]);
+        let steps = of_two_pictures.flat_map(|(up, down)| [up, down]);
+        assert_eq!(count_by_edge(steps), 60);
+    }
 }
