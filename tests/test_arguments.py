@@ -31,7 +31,8 @@ WRONG: dict[str, Any] = {
 }
 
 RESULTS = {
-    "Advice", "Certificate", "Cycle", "Detections", "Estimate", "Export", "Finding", "Fit", "GroundCost", "GroundErrors", "ImportSummary",
+    "Advice", "Certificate", "Cycle", "Detections", "Estimate", "Export", "Finding", "Fit", "GroundCost", "GroundErrors",
+    "ImportSummary",
     "ImportedTopic",
     "BagTopic", "LogMessage", "Mirror", "ObjectSizes", "OpticalAnalysis", "OptimisationResult", "PaperFigure", "Pose",
     "Preview",
