@@ -8,7 +8,6 @@ use localize::field::FieldConfig;
 use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain};
 use rayon::prelude::*;
 
-use super::FIRM_MIN;
 use super::change::Change;
 use super::field_sizes;
 use super::measurements::{MeasuredKeyframe, thin_out};
@@ -38,6 +37,13 @@ pub(super) struct Improvement {
     pub(super) comparison: Comparison,
 }
 
+impl Improvement {
+    /// Is what the change affects explained with it? Otherwise the change is a candidate only.
+    pub(super) fn is_firm(&self) -> bool {
+        self.change.explained(&self.explanation) >= FIRM_MIN
+    }
+}
+
 /// What the trials found.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Assessment {
@@ -49,6 +55,8 @@ pub(super) struct Assessment {
     pub(super) fits_no_better_than_random: bool,
 }
 
+/// Share of what a change affects that a firm one explains.
+const FIRM_MIN: f32 = 0.85;
 /// Most changes on top of each other.
 const CHANGES_MAX: usize = 3;
 /// Keyframes for the first selection of a field's size; the best sizes are then compared on all.

@@ -35,7 +35,7 @@ use crate::config::PipelineConfig;
 use crate::log::{LogReader, UnpackedSetup};
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
-use assess::{Assessment, Improvement, assess, compass_agreement_in_degrees};
+use assess::{Assessment, assess, compass_agreement_in_degrees};
 use change::Change;
 
 /// How well the set-up explains its measurements.
@@ -116,9 +116,6 @@ const DOUBT_STD: (f32, f32) = (0.25, 0.1);
 /// Share of compass readings that agree although the range of the column looks like degrees.
 const COMPASS_FINE: f32 = 0.8;
 
-/// Share of what an edit affects that is explained with it. An edit that explains less is a candidate only.
-const FIRM_MIN: f32 = 0.85;
-
 /// Checks the set-up of a recording.
 pub fn check_recording(
     recording: &Recording,
@@ -194,7 +191,7 @@ pub fn check(
             .extend(alternatives.iter().map(|improvement| Suggestion {
                 change: improvement.change.text(setup, &improvement.after),
                 cause: improvement.change.cause().to_owned(),
-                firm: is_firm(improvement),
+                firm: improvement.is_firm(),
                 fit_before: before.fit(),
                 fit_after: improvement.explanation.fit(),
                 gain: Some(improvement.comparison.gain),
@@ -203,7 +200,7 @@ pub fn check(
         let Some(best) = alternatives.first() else {
             continue;
         };
-        let perhaps = if is_firm(best) { "" } else { "perhaps " };
+        let perhaps = if best.is_firm() { "" } else { "perhaps " };
         report.warnings.push(format!(
             "{perhaps}{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
             best.change.cause(),
@@ -247,10 +244,6 @@ pub fn check(
 
 /// Fewer keyframes say nothing about a set-up.
 const KEYFRAMES_MIN: usize = 4;
-
-fn is_firm(improvement: &Improvement) -> bool {
-    improvement.change.explained(&improvement.explanation) >= FIRM_MIN
-}
 
 fn figures(explanation: &Explanation) -> FitFigures {
     FitFigures {
