@@ -153,11 +153,20 @@ impl MultiRobotSimulation {
     ///
     /// The logs are complete in both cases.
     pub fn run(
+        self,
+        on_progress: impl FnMut(f64) -> Result<ControlFlow<()>>,
+    ) -> Result<Vec<RobotSummary>> {
+        self.run_observed(on_progress, |_, _| {})
+    }
+
+    /// The same; `on_cycle` receives each cycle with the index of its robot.
+    pub fn run_observed(
         mut self,
         mut on_progress: impl FnMut(f64) -> Result<ControlFlow<()>>,
+        mut on_cycle: impl FnMut(usize, &Cycle),
     ) -> Result<Vec<RobotSummary>> {
         while self.now.seconds() < self.duration {
-            self.tick()?;
+            self.tick(&mut on_cycle)?;
             if on_progress(self.now.seconds())?.is_break() {
                 break;
             }
@@ -179,7 +188,7 @@ impl MultiRobotSimulation {
             .collect()
     }
 
-    fn tick(&mut self) -> Result<()> {
+    fn tick(&mut self, on_cycle: &mut impl FnMut(usize, &Cycle)) -> Result<()> {
         self.now = Stamp(self.now.0 + SYNC_PERIOD.0);
         let now = self.now;
         self.players
@@ -203,7 +212,7 @@ impl MultiRobotSimulation {
                 .synchronise_others(&others, &truths[0].people, ball);
         }
         for index in 0..self.players.len() {
-            self.score_robot(index)?;
+            self.score_robot(index, on_cycle)?;
         }
         Ok(())
     }
@@ -233,7 +242,11 @@ impl MultiRobotSimulation {
         }
     }
 
-    fn score_robot(&mut self, index: usize) -> Result<()> {
+    fn score_robot(
+        &mut self,
+        index: usize,
+        on_cycle: &mut impl FnMut(usize, &Cycle),
+    ) -> Result<()> {
         let places = self.players.iter().map(|player| player.sim.truth());
         let places: Vec<_> = places.map(|truth| truth.robot.pose.origin()).collect();
         let player = &mut self.players[index];
@@ -241,6 +254,7 @@ impl MultiRobotSimulation {
             return Err(fault);
         }
         for cycle in std::mem::take(&mut player.cycles) {
+            on_cycle(index, &cycle);
             player
                 .statistics
                 .add_cycle(&cycle, score::cycle_error(&cycle));
@@ -480,7 +494,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let log = folder.path().join("game.mcap");
         let (path, mut scenario) = scenario();
-        // Two mates near the first robot, whose mirror is covered after a second. All correct one another at the start.
+        // Two mates near the first robot, whose mirror is covered after a second.
         for (mate, at) in scenario.squad.iter_mut().zip([[-2.6, 0.8], [-3.0, -1.6]]) {
             (mate.start.x, mate.start.y) = (at[0], at[1]);
             mate.path.waypoints.clear();
@@ -493,7 +507,7 @@ mod tests {
         });
         let mut config = PipelineConfig::default();
         config.team.cooperative.enabled = true;
-        config.team.cooperative.own_std_min = 0.02;
+        config.team.cooperative.own_std_min = 0.0;
         let log_config = LogConfig::default();
         let record = Some((log.as_path(), &log_config));
         MultiRobotSimulation::new((&path, &scenario), &config, 3.0, record)
@@ -511,7 +525,16 @@ mod tests {
         let is_covered = |cycle: &&Cycle| cycle.stamp.seconds() > 1.2;
         let covered = || cycles.iter().filter(is_covered);
         assert!(covered().all(|cycle| cycle.estimate.line_points == 0));
-        assert!(cycles.iter().any(used));
+        // Mates correct the robot for as long as it is covered, and never before.
+        let needs_mates = |cycle: &Cycle| cycle.stamp.seconds() > 2.2;
+        assert!(
+            !cycles
+                .iter()
+                .any(|cycle| cycle.stamp.seconds() < 1.9 && used(cycle))
+        );
+        let last_second = || cycles.iter().filter(|cycle| needs_mates(cycle));
+        let corrected = last_second().filter(|cycle| used(cycle)).count();
+        assert!(3 * corrected > last_second().count(), "{corrected}");
         // Whom mates correct corrects nobody.
         let last = cycles.last().expect("a cycle");
         assert!(!last.team.pose_by_markings);
