@@ -506,7 +506,6 @@ mod tests {
             width_deg: 360.0,
         });
         let mut config = PipelineConfig::default();
-        config.team.cooperative.enabled = true;
         config.team.cooperative.own_std_min = 0.0;
         let log_config = LogConfig::default();
         let record = Some((log.as_path(), &log_config));

@@ -7,11 +7,11 @@ use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use localize::localizer::SightingOutcome;
 use nalgebra::Matrix2;
+use pipeline::PipelineConfig;
 use pipeline::config::apply_overlay;
 use pipeline::cycle::Cycle;
 use pipeline::multi_robot::MultiRobotSimulation;
 use pipeline::simulation::load_scenario_with_overrides;
-use pipeline::PipelineConfig;
 use serde::Deserialize;
 
 use super::cooperative::{NEES_95, WANTED_ERROR};
@@ -25,6 +25,8 @@ const NEES_3_SIGMA: f64 = 11.83;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RenderedMatesRuns {
+    /// Most seeds, since a rendered game takes as long as it lasts; all if left out.
+    pub seeds_max: Option<u64>,
     /// Games; each is run with every seed, without team-mates' corrections and with them.
     pub variants: Vec<RenderedMatesVariant>,
 }
@@ -50,11 +52,15 @@ pub(crate) struct RenderedMatesVariant {
 struct GameScore {
     /// Squared errors of the position in the last second of the occlusion, m².
     last_squared: Vec<f64>,
-    /// NEES of the position in each covered image from the first second on.
+    /// NEES of the position in each covered image after the first second, if it has a pose.
     nees: Vec<f64>,
-    /// Errors of the position in all images with line points of all robots, metres.
+    /// Images covered after the first second.
+    images: usize,
+    /// One of them has no pose.
+    lost: bool,
+    /// Errors of the position of the uncovered robots, and of the first one until its mirror is covered, metres.
     sighted_errors: Vec<f64>,
-    /// Sightings that corrected a pose of which the robot saw line points.
+    /// Sightings that corrected those.
     used_in_sight: usize,
     /// Sightings that corrected the covered robot.
     used: usize,
@@ -69,6 +75,10 @@ pub(crate) fn run(
     rows: &mut CsvRows,
     bar: &ProgressBar,
 ) -> Result<Vec<Metric>> {
+    let end = runs.seeds_max.map_or(seeds.end, |most| {
+        seeds.end.min(seeds.start.saturating_add(most))
+    });
+    let seeds = seeds.start..end;
     bar.set_length(2 * runs.variants.len() as u64 * (seeds.end - seeds.start));
     rows.header("variant,method,seed,robot,error_m")?;
     let mut figures = Vec::new();
@@ -114,14 +124,19 @@ impl GameScore {
         let used = cycle.team.sightings.iter();
         let used = used.filter(|sighting| sighting.outcome == SightingOutcome::Used);
         let used = used.count();
-        let Some((squared, nees)) = position_error(cycle) else {
+        let error = position_error(cycle);
+        let is_covered = index == 0 && (start + 1.0..stop).contains(&seconds);
+        self.images += usize::from(is_covered);
+        let Some((squared, nees)) = error else {
+            self.lost |= is_covered;
             return;
         };
-        if cycle.estimate.line_points > 0 {
+        // The first robot finds its pose again after the occlusion.
+        if index > 0 || seconds < start {
             self.used_in_sight += used;
             self.sighted_errors.push(squared.sqrt());
         }
-        if index > 0 || !(start + 1.0..=stop).contains(&seconds) {
+        if !is_covered {
             return;
         }
         self.used += used;
@@ -135,7 +150,7 @@ impl GameScore {
     /// Root of the mean square in the last covered second, metres. None if the robot was lost.
     fn final_error(&self) -> Option<f64> {
         let count = self.last_squared.len() as f64;
-        (count > 0.0).then(|| (self.last_squared.iter().sum::<f64>() / count).sqrt())
+        (count > 0.0 && !self.lost).then(|| (self.last_squared.iter().sum::<f64>() / count).sqrt())
     }
 }
 
@@ -162,23 +177,32 @@ fn metrics_of(variant: &str, method: &str, scores: &[GameScore]) -> Vec<Metric> 
         Metric::proportion(variant, method, name, hits, count)
     };
     let errors = of_games(&|score| Some(100.0 * score.final_error()?));
-    let near = errors.iter().filter(|error| **error <= 100.0 * WANTED_ERROR);
+    let near = errors
+        .iter()
+        .filter(|error| **error <= 100.0 * WANTED_ERROR);
     let near = near.count();
     let images = scores.iter().flat_map(|score| &score.nees);
-    let count = images.clone().count();
+    let count = scores.iter().map(|score| score.images).sum();
     let below = |limit: f64| images.clone().filter(|nees| **nees <= limit).count();
     let mean_of = |values: &[f64]| {
         (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
     };
     let mut figures = vec![
-        mean("error of the position in the last covered second, cm", &errors),
+        mean(
+            "error of the position in the last covered second, cm",
+            &errors,
+        ),
         share("games within 10 cm, %", near, scores.len()),
         mean(
             "NEES of the position while covered (2 is honest)",
             &of_games(&|score| mean_of(&score.nees)),
         ),
         share("covered images within 3 σ, %", below(NEES_3_SIGMA), count),
-        share("covered images within the 95 % bound, %", below(NEES_95), count),
+        share(
+            "covered images within the 95 % bound, %",
+            below(NEES_95),
+            count,
+        ),
         mean(
             "sightings used while covered, of 100",
             &of_games(&|score| {
@@ -187,7 +211,7 @@ fn metrics_of(variant: &str, method: &str, scores: &[GameScore]) -> Vec<Metric> 
             }),
         ),
         mean(
-            "sightings used in images with line points",
+            "sightings that moved robots that see lines",
             &of_games(&|score| Some(score.used_in_sight as f64)),
         ),
         mean(

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CooperativeConfig {
-    /// Correct the pose by team-mates. Measured with drawn sightings only, so it is off.
+    /// Correct the pose by team-mates.
     pub enabled: bool,
     /// Markings determine a pose whose position has at most this standard deviation, metres.
     pub determined_std_max: f32,
@@ -43,7 +43,7 @@ pub struct CooperativeConfig {
 impl Default for CooperativeConfig {
     fn default() -> Self {
         CooperativeConfig {
-            enabled: false,
+            enabled: true,
             determined_std_max: 0.05,
             needed_after: 1.0,
             own_std_min: 0.01,
