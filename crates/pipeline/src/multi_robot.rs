@@ -153,11 +153,20 @@ impl MultiRobotSimulation {
     ///
     /// The logs are complete in both cases.
     pub fn run(
+        self,
+        on_progress: impl FnMut(f64) -> Result<ControlFlow<()>>,
+    ) -> Result<Vec<RobotSummary>> {
+        self.run_observed(on_progress, |_, _| {})
+    }
+
+    /// The same; `on_cycle` receives each cycle with the index of its robot.
+    pub fn run_observed(
         mut self,
         mut on_progress: impl FnMut(f64) -> Result<ControlFlow<()>>,
+        mut on_cycle: impl FnMut(usize, &Cycle),
     ) -> Result<Vec<RobotSummary>> {
         while self.now.seconds() < self.duration {
-            self.tick()?;
+            self.tick(&mut on_cycle)?;
             if on_progress(self.now.seconds())?.is_break() {
                 break;
             }
@@ -179,7 +188,7 @@ impl MultiRobotSimulation {
             .collect()
     }
 
-    fn tick(&mut self) -> Result<()> {
+    fn tick(&mut self, on_cycle: &mut impl FnMut(usize, &Cycle)) -> Result<()> {
         self.now = Stamp(self.now.0 + SYNC_PERIOD.0);
         let now = self.now;
         self.players
@@ -203,7 +212,7 @@ impl MultiRobotSimulation {
                 .synchronise_others(&others, &truths[0].people, ball);
         }
         for index in 0..self.players.len() {
-            self.score_robot(index)?;
+            self.score_robot(index, on_cycle)?;
         }
         Ok(())
     }
@@ -233,7 +242,11 @@ impl MultiRobotSimulation {
         }
     }
 
-    fn score_robot(&mut self, index: usize) -> Result<()> {
+    fn score_robot(
+        &mut self,
+        index: usize,
+        on_cycle: &mut impl FnMut(usize, &Cycle),
+    ) -> Result<()> {
         let places = self.players.iter().map(|player| player.sim.truth());
         let places: Vec<_> = places.map(|truth| truth.robot.pose.origin()).collect();
         let player = &mut self.players[index];
@@ -241,6 +254,7 @@ impl MultiRobotSimulation {
             return Err(fault);
         }
         for cycle in std::mem::take(&mut player.cycles) {
+            on_cycle(index, &cycle);
             player
                 .statistics
                 .add_cycle(&cycle, score::cycle_error(&cycle));
@@ -401,126 +415,4 @@ pub fn print(summaries: &[RobotSummary]) {
 }
 
 #[cfg(test)]
-mod tests {
-    use localize::localizer::SightingOutcome;
-
-    use super::*;
-    use crate::log::{LogReader, UnpackedSetup, verify};
-    use crate::simulation::load_scenario_with_overrides;
-
-    fn scenario() -> (PathBuf, Scenario) {
-        let config =
-            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/squad.toml");
-        let mut scenario = load_scenario_with_overrides(&config, &toml::Table::new(), None)
-            .expect("a scenario")
-            .0;
-        scenario.squad.truncate(2);
-        (config, scenario)
-    }
-
-    fn run_robots(threads: usize, seconds: f64, log: &Path) -> Vec<RobotSummary> {
-        let (path, scenario) = scenario();
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        pool.expect("threads").install(|| {
-            let log_config = LogConfig::default();
-            let record = Some((log, &log_config));
-            let simulation = MultiRobotSimulation::new(
-                (&path, &scenario),
-                &PipelineConfig::default(),
-                seconds,
-                record,
-            );
-            simulation
-                .expect("a simulation")
-                .run(|_| Ok(ControlFlow::Continue(())))
-                .expect("completed")
-        })
-    }
-
-    #[test]
-    fn multi_robot_run_is_deterministic_and_replays_bit_for_bit() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let log = folder.path().join("game.mcap");
-        let summaries = run_robots(2, 1.0, &log);
-        assert_eq!(summaries.len(), 3);
-        for robot in &summaries {
-            assert!(
-                robot.words > 10,
-                "robot {} received {}",
-                robot.robot,
-                robot.words
-            );
-            let error = robot.summary.position_error_m.as_ref().expect("scored");
-            assert!(error.median < 0.3, "{} m", error.median);
-        }
-        let again = folder.path().join("again.mcap");
-        run_robots(1, 1.0, &again);
-        for index in 0..3 {
-            let cycles = |log: &Path| {
-                let log = LogReader::open(&log_path(log, index)).expect("a log");
-                log.map(|logged| {
-                    let cycle = logged.expect("a cycle").cycle;
-                    format!("{:?} {:?} {:?}", cycle.estimate, cycle.world, cycle.team)
-                })
-                .collect::<Vec<_>>()
-            };
-            assert_eq!(cycles(&log), cycles(&again));
-        }
-        let log = LogReader::open(&log_path(&log, 1)).expect("a log");
-        let unpacked = UnpackedSetup::load(log.header()).expect("a setup");
-        let config = unpacked.config().expect("settings");
-        let mut pipeline = Pipeline::new(&unpacked.setup, &config).expect("a pipeline");
-        let verdict = verify(log, |sample| pipeline.process_sample(sample)).expect("verified");
-        assert_eq!((verdict.different, verdict.first_difference), (0, None));
-        assert!(verdict.cycles >= 29 && verdict.vision_cycles == verdict.cycles);
-    }
-
-    #[test]
-    fn corrections_by_mates_replay_bit_for_bit() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let log = folder.path().join("game.mcap");
-        let (path, mut scenario) = scenario();
-        // Two mates near the first robot, whose mirror is covered after a second. All correct one another at the start.
-        for (mate, at) in scenario.squad.iter_mut().zip([[-2.6, 0.8], [-3.0, -1.6]]) {
-            (mate.start.x, mate.start.y) = (at[0], at[1]);
-            mate.path.waypoints.clear();
-        }
-        scenario.occlusions.push(sim::scenario::Occlusion {
-            start: 1.0,
-            stop: 9.0,
-            direction_deg: 0.0,
-            width_deg: 360.0,
-        });
-        let mut config = PipelineConfig::default();
-        config.team.cooperative.enabled = true;
-        config.team.cooperative.own_std_min = 0.02;
-        let log_config = LogConfig::default();
-        let record = Some((log.as_path(), &log_config));
-        MultiRobotSimulation::new((&path, &scenario), &config, 3.0, record)
-            .expect("a simulation")
-            .run(|_| Ok(ControlFlow::Continue(())))
-            .expect("completed");
-        let cycles: Vec<Cycle> = LogReader::open(&log)
-            .expect("a log")
-            .map(|logged| logged.expect("a cycle").cycle)
-            .collect();
-        let used = |cycle: &Cycle| {
-            let mut sightings = cycle.team.sightings.iter();
-            sightings.any(|sighting| sighting.outcome == SightingOutcome::Used)
-        };
-        let is_covered = |cycle: &&Cycle| cycle.stamp.seconds() > 1.2;
-        let covered = || cycles.iter().filter(is_covered);
-        assert!(covered().all(|cycle| cycle.estimate.line_points == 0));
-        assert!(cycles.iter().any(used));
-        // Whom mates correct corrects nobody.
-        let last = cycles.last().expect("a cycle");
-        assert!(!last.team.pose_by_markings);
-        assert!(cycles.iter().any(|cycle| cycle.team.pose_by_markings));
-        let log = LogReader::open(&log).expect("a log");
-        let unpacked = UnpackedSetup::load(log.header()).expect("a setup");
-        let config = unpacked.config().expect("settings");
-        let mut pipeline = Pipeline::new(&unpacked.setup, &config).expect("a pipeline");
-        let verdict = verify(log, |sample| pipeline.process_sample(sample)).expect("verified");
-        assert_eq!((verdict.different, verdict.first_difference), (0, None));
-    }
-}
+mod tests;

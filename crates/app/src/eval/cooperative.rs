@@ -16,9 +16,9 @@ use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
 
 /// Error that is wanted of a robot that was blind for 10 s and seen by two mates, metres.
-const WANTED_ERROR: f64 = 0.10;
+pub(super) const WANTED_ERROR: f64 = 0.10;
 /// 95 % of a χ² distribution with two degrees of freedom are below this.
-const NEES_95: f64 = 5.991;
+pub(super) const NEES_95: f64 = 5.991;
 
 /// Synthetic drives of a robot without line points among team-mates.
 #[derive(Debug, Clone, Deserialize)]

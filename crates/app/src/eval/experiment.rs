@@ -14,6 +14,7 @@ use super::certainty::{CertaintyRuns, CertificateRuns};
 use super::cooperative::{CooperativeRuns, CooperativeVariant};
 use super::mapping::MappingRuns;
 use super::metric::PaperReference;
+use super::rendered_mates::RenderedMatesRuns;
 
 /// An experiment file. Paths are relative to it.
 #[derive(Debug, Clone, Deserialize)]
@@ -87,6 +88,8 @@ pub(crate) enum PartRun {
     Mapping(MappingRuns),
     /// A robot without line points among team-mates that see it, without images.
     Cooperative(CooperativeRuns),
+    /// The same with rendered images: the mirror of the first robot is covered.
+    RenderedMates(RenderedMatesRuns),
 }
 
 /// Images for the detection rates.
@@ -332,6 +335,11 @@ impl Part {
             PartRun::MultiRobot(robots) => {
                 check_presets(&robots.presets)?;
                 resolve_scenarios(&mut robots.variants, None)?;
+            }
+            PartRun::RenderedMates(runs) => {
+                for variant in &mut runs.variants {
+                    variant.scenario = folder.join(&variant.scenario);
+                }
             }
             PartRun::Certificates(runs) => runs.field = folder.join(&runs.field),
             PartRun::Certainty(runs) => runs.field = folder.join(&runs.field),

@@ -11,6 +11,7 @@ pub(crate) mod mapping;
 pub(crate) mod metric;
 pub(crate) mod output;
 mod page;
+pub(crate) mod rendered_mates;
 pub(crate) mod searches;
 pub(crate) mod stills;
 pub(crate) mod team;
@@ -176,6 +177,7 @@ fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<P
             certainty::run_certainty_drives(runs, seeds, &mut rows, &bar),
         ),
         PartRun::Mapping(runs) => ("mapping", mapping::run(runs, seeds, &mut rows, &bar)),
+        PartRun::RenderedMates(runs) => ("team", rendered_mates::run(runs, seeds, &mut rows, &bar)),
         PartRun::Cooperative(runs) => ("team", cooperative::run(runs, seeds, &mut rows, &bar)),
         PartRun::MultiRobot(runs) => ("team", team::run_rendered(runs, seeds, &mut rows, &bar)),
     };

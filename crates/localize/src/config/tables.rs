@@ -647,6 +647,8 @@ pub const TEAM_BOUNDS: &[Bound] = &[
         10.0,
         "more decides the half by one image",
     ),
+    bound("cooperative.determined_std_max", 0.0, 10.0, STD),
+    bound("cooperative.needed_after", 0.0, 3600.0, SECONDS),
     bound("cooperative.own_std_min", 0.0, 10.0, STD),
     bound(
         "cooperative.own_std_max",

@@ -7,10 +7,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CooperativeConfig {
-    /// Correct the pose by team-mates. Measured with drawn sightings only, so it is off.
+    /// Correct the pose by team-mates.
     pub enabled: bool,
-    /// Team-mates correct a pose whose position has at least this standard deviation, metres. A smaller value relies more
-    /// on team-mates, whose errors last longer than assumed.
+    /// Markings determine a pose whose position has at most this standard deviation, metres.
+    pub determined_std_max: f32,
+    /// Time without markings that determine the pose after which team-mates correct it, seconds.
+    pub needed_after: f32,
+    /// Team-mates correct a pose whose position has at least this standard deviation, metres. A larger value relies longer
+    /// on dead reckoning.
     pub own_std_min: f32,
     /// Largest standard deviation of a position that team-mates correct, metres. A larger one may take another robot for this
     /// one.
@@ -39,8 +43,10 @@ pub struct CooperativeConfig {
 impl Default for CooperativeConfig {
     fn default() -> Self {
         CooperativeConfig {
-            enabled: false,
-            own_std_min: 0.05,
+            enabled: true,
+            determined_std_max: 0.05,
+            needed_after: 1.0,
+            own_std_min: 0.01,
             own_std_max: 0.5,
             helper_std_max: 0.1,
             independent_after: 2.0,

@@ -20,6 +20,8 @@ pub(super) struct PoseOrigin {
     since: Option<Stamp>,
     /// Last image with markings that determine the pose.
     last: Option<Stamp>,
+    /// First of the tracked images whose markings do not determine the pose.
+    undetermined_since: Option<Stamp>,
 }
 
 impl PoseOrigin {
@@ -30,24 +32,36 @@ impl PoseOrigin {
         self.last = None;
     }
 
-    /// Do the markings determine the pose so badly that team-mates should correct it? Once they did, until it rests on the
-    /// markings again.
+    /// Should team-mates correct the pose? Once they did, until it rests on the markings again.
+    ///
+    /// What the robot sees decides. A stated standard deviation alone does not: it is large in the first images of each
+    /// track, which the markings correct at once, and small for long after the last marking.
     pub(super) fn needs_mates(&self, estimate: &Estimate, config: &CooperativeConfig) -> bool {
-        self.corrected && self.since.is_none() || position_std(estimate) >= config.own_std_min
+        if self.corrected && self.since.is_none() {
+            return true;
+        }
+        let is_long =
+            |since: Stamp| since.seconds_until(estimate.stamp) >= f64::from(config.needed_after);
+        self.undetermined_since.is_some_and(is_long) && position_std(estimate) >= config.own_std_min
     }
 
     /// Does the pose of this image rest on the markings alone?
     pub(super) fn update(&mut self, estimate: &Estimate, config: &CooperativeConfig) -> bool {
         let stamp = estimate.stamp;
+        let is_tracking = estimate.mode == Mode::Tracking && estimate.pose.is_some();
+        let is_matched = is_tracking && estimate.reason.is_none();
+        let is_determined = is_matched && position_std(estimate) <= config.determined_std_max;
+        if is_determined || !is_tracking {
+            self.undetermined_since = None;
+        } else {
+            self.undetermined_since.get_or_insert(stamp);
+        }
         let limit = if self.corrected {
-            config.own_std_min
+            config.determined_std_max
         } else {
             config.helper_std_max
         };
-        let by_markings = estimate.mode == Mode::Tracking
-            && estimate.reason.is_none()
-            && estimate.half_known
-            && position_std(estimate) <= limit;
+        let by_markings = is_matched && estimate.half_known && position_std(estimate) <= limit;
         if by_markings {
             self.since.get_or_insert(stamp);
             self.last = Some(stamp);
@@ -113,6 +127,47 @@ mod tests {
         assert!(!origin.update(&image(1.0, 0.02, None), &config));
         assert!(!origin.update(&image(2.9, 0.02, None), &config));
         assert!(origin.update(&image(3.1, 0.02, None), &config));
+    }
+
+    #[test]
+    fn robot_that_sees_markings_needs_no_mates_however_uncertain_its_first_images_are() {
+        let config = CooperativeConfig::default();
+        let mut origin = PoseOrigin::default();
+        for (seconds, std) in [
+            (0.0, 0.3),
+            (0.2, 0.09),
+            (0.4, 0.06),
+            (0.6, 0.04),
+            (2.0, 0.02),
+        ] {
+            let estimate = image(seconds, std, None);
+            origin.update(&estimate, &config);
+            assert!(!origin.needs_mates(&estimate, &config), "{seconds} s");
+        }
+        // A single image with many markings ends the need.
+        for (seconds, reason, needs) in [
+            (2.1, Some(Reason::FewPoints), false),
+            (2.9, Some(Reason::FewPoints), false),
+            (3.2, Some(Reason::FewPoints), true),
+            (3.3, None, false),
+            (3.4, Some(Reason::FewPoints), false),
+        ] {
+            let estimate = image(seconds, 0.03, reason);
+            origin.update(&estimate, &config);
+            assert_eq!(origin.needs_mates(&estimate, &config), needs, "{seconds} s");
+        }
+    }
+
+    #[test]
+    fn single_line_that_leaves_a_direction_open_needs_mates() {
+        let config = CooperativeConfig::default();
+        let mut origin = PoseOrigin::default();
+        let needs = [0.0, 0.5, 1.5].map(|seconds| {
+            let estimate = image(seconds, 0.07, None);
+            origin.update(&estimate, &config);
+            origin.needs_mates(&estimate, &config)
+        });
+        assert_eq!(needs, [false, false, true]);
     }
 
     #[test]
