@@ -55,11 +55,8 @@ const REFINE_ROUNDS: usize = 3;
 /// Another mirror explains the points as well if its odds of a point on a marking, times this, exceed those of the best.
 const UNDECIDED_ODDS: f64 = 1.3;
 
-/// Another field must explain this much more of the points.
-const BETTER_FIELD_MARGIN: f64 = 0.08;
-
-/// The same if the calibration with the given field passes all other checks.
-const BETTER_FIELD_MARGIN_ACCEPTED: f64 = 0.2;
+/// Another field is better if its odds of a point on a marking exceed those of the given one this many times.
+const BETTER_FIELD_ODDS: f64 = 1.5;
 
 /// Images that the map does not explain have a camera of their own from this score on.
 const SECOND_CAMERA_SCORE: f64 = 0.75;
@@ -117,11 +114,8 @@ pub fn calibrate_unknown_mirror(
             .as_ref()
             .ok()
             .filter(|found| found.ensure_accepted().is_ok());
-        let least = match accepted {
-            Some(found) => found.search_share + BETTER_FIELD_MARGIN_ACCEPTED,
-            None => 0.0,
-        };
-        attempt.ensure_no_better_field(field, other_fields, least)?;
+        let own = accepted.map_or(0.0, |found| found.search_share);
+        attempt.ensure_no_better_field(field, other_fields, own)?;
     }
     progress(1.0);
     let found = result?;
@@ -324,25 +318,26 @@ impl Attempt<'_> {
         search.locate_and_refine(model, self.all).model
     }
 
-    /// An error if one of the other fields explains the images better, by a shorter search for all of them.
+    /// An error if one of the other fields explains the images better, by a shorter search for all of them. `own`: share
+    /// that the given field explains at least.
     fn ensure_no_better_field(
         &self,
         field: &Field,
         others: &[(String, Field)],
-        least: f64,
+        own: f64,
     ) -> Result<(), CalibrationError> {
         let chosen = choose_images(self.all, FIELD_IMAGES);
         let score = |field: &Field| {
             let ranked = self.rank_models(&chosen, field, FIELD_REFINED, &|_| ());
             ranked.first().map_or(0.0, |best| best.score)
         };
-        let own = score(field);
+        let own = score(field).max(own);
         let best = others
             .iter()
             .map(|(name, other)| (name, score(other)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
         match best {
-            Some((name, other)) if other > (own + BETTER_FIELD_MARGIN).max(least) => {
+            Some((name, other)) if odds(other) > BETTER_FIELD_ODDS * odds(own) => {
                 Err(CalibrationError::WrongField {
                     share_percent: (100.0 * own) as u32,
                     hint: format!("{name} fits better, with {:.0} %", 100.0 * other),
