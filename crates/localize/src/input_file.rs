@@ -7,7 +7,7 @@ use std::path::Path;
 /// Largest text, bytes: settings, profiles, lists of labels.
 pub const TEXT_BYTES_MAX: u64 = 16 << 20;
 
-/// Opens a regular file, or a stream that the caller of the program gave it ([`is_given_stream`]).
+/// Opens a regular file, or a stream that the caller of the program gave it.
 ///
 /// # Errors
 /// Those of the system, and "not a regular file" for other pipes, devices and sockets.
