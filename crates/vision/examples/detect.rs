@@ -253,7 +253,7 @@ impl Score {
                 score.near_correct += usize::from(off <= 0.1);
             }
         }
-        for at in overlay::marking_points(&field.markings, MARKING_STEP) {
+        for at in localize::field::marking_points(&field.markings, MARKING_STEP) {
             let seen_from = pose.inverse() * at;
             let range = seen_from.distance();
             if !(0.4..=4.0).contains(&range) {

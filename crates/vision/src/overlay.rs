@@ -228,39 +228,6 @@ pub fn marking_distance(marking: &Marking, point: At<FieldFrame>) -> f32 {
     }
 }
 
-/// Points along all markings' centre lines (a spot's centre), `step` metres apart.
-pub fn marking_points(markings: &[Marking], step: f32) -> Vec<At<FieldFrame>> {
-    let mut points = Vec::new();
-    for marking in markings {
-        match *marking {
-            Marking::Line { from, to } => {
-                let count = (from.distance_to(to) / step).ceil().max(1.0) as usize;
-                points.extend((0..=count).map(|index| {
-                    let part = index as f32 / count as f32;
-                    At::new(
-                        from.x + part * (to.x - from.x),
-                        from.y + part * (to.y - from.y),
-                    )
-                }));
-            }
-            Marking::Arc {
-                centre,
-                radius,
-                start,
-                sweep,
-            } => {
-                let count = (radius * sweep / step).ceil().max(1.0) as usize;
-                points.extend((0..=count).map(|index| {
-                    let (sin, cos) = math::sin_cos(start + sweep * index as f32 / count as f32);
-                    At::new(centre.x + radius * cos, centre.y + radius * sin)
-                }));
-            }
-            Marking::Spot { centre, .. } => points.push(centre),
-        }
-    }
-    points
-}
-
 /// Colour of a class.
 pub fn class_colour(class: ColourClass) -> Rgb {
     match class {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use localize::LocalizeConfig;
 use localize::field::Field;
+use localize::field::marking_points;
 use localize::frames::{At, Pose, RobotFrame};
 use localize::map_correction::{MapBasis, MapCorrectionEstimate, PreparedBasis, TERMS_MAX};
 use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
@@ -12,7 +13,6 @@ use localize::robot::RobotConfig;
 use localize::tilt::map_from_ground;
 use vision::GroundMap;
 use vision::colour::colour_table::ColourTable;
-use vision::overlay::marking_points;
 
 use super::inverse_ground_map::InverseGroundMap;
 use pipeline::setup::Setup;

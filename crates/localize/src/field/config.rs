@@ -159,6 +159,31 @@ pub enum FieldError {
 }
 
 impl FieldConfig {
+    /// A field without goals and markings, for lines and arcs of any place. Length, width and the others in metres.
+    pub fn without_markings([length, width]: [f32; 2], line_width: f32, border: f32) -> Self {
+        FieldConfig {
+            length,
+            width,
+            measured_to: MeasuredTo::Centres,
+            line_width,
+            border,
+            centre_circle_radius: 0.0,
+            corner_arc_radius: 0.0,
+            spot_radius: 0.0,
+            penalty_spot: 0.0,
+            goal_area: Default::default(),
+            penalty_area: Default::default(),
+            goal: GoalConfig::default(),
+            walls: false,
+            boundary: false,
+            halfway_line: false,
+            extra_lines: Vec::new(),
+            extra_arcs: Vec::new(),
+            extra_lines_std: Vec::new(),
+            extra_arcs_std: Vec::new(),
+        }
+    }
+
     /// Returns an error for sizes that are out of range or contradict each other.
     pub(super) fn check(&self) -> Result<(), FieldError> {
         check(self)

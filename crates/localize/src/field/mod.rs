@@ -7,6 +7,7 @@ pub(crate) mod ray;
 use std::path::Path;
 
 use crate::frames::{At, FieldFrame};
+use crate::math;
 use crate::toml_file;
 
 pub use config::{Area, FieldConfig, FieldError, GoalColour, GoalConfig, MeasuredTo};
@@ -217,6 +218,39 @@ fn corner_arcs(config: &FieldConfig, radius: f32) -> [Marking; 4] {
         start,
         sweep: FRAC_PI_2,
     })
+}
+
+/// Points along all markings' centre lines (a spot's centre), `step` metres apart.
+pub fn marking_points(markings: &[Marking], step: f32) -> Vec<At<FieldFrame>> {
+    let mut points = Vec::new();
+    for marking in markings {
+        match *marking {
+            Marking::Line { from, to } => {
+                let count = (from.distance_to(to) / step).ceil().max(1.0) as usize;
+                points.extend((0..=count).map(|index| {
+                    let part = index as f32 / count as f32;
+                    At::new(
+                        from.x + part * (to.x - from.x),
+                        from.y + part * (to.y - from.y),
+                    )
+                }));
+            }
+            Marking::Arc {
+                centre,
+                radius,
+                start,
+                sweep,
+            } => {
+                let count = (radius * sweep / step).ceil().max(1.0) as usize;
+                points.extend((0..=count).map(|index| {
+                    let (sin, cos) = math::sin_cos(start + sweep * index as f32 / count as f32);
+                    At::new(centre.x + radius * cos, centre.y + radius * sin)
+                }));
+            }
+            Marking::Spot { centre, .. } => points.push(centre),
+        }
+    }
+    points
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::FieldMappingConfig;
 use super::map_motion::MapMotion;
 use super::shape::Shape;
-use crate::field::{FieldConfig, GoalConfig, MeasuredTo};
+use crate::field::FieldConfig;
 use crate::frames::At;
 use crate::math;
 
@@ -22,27 +22,8 @@ pub(super) fn lay_out(shapes: &[Shape], config: &FieldMappingConfig) -> (FieldCo
     let [low, high] = extent(shapes, turned);
     let middle = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
     let field_from_map = MapMotion::new(-middle[0], -middle[1], 0.0) * turned;
-    let mut field = FieldConfig {
-        length: (high[0] - low[0]).max(EXTENT_MIN),
-        width: (high[1] - low[1]).max(EXTENT_MIN),
-        measured_to: MeasuredTo::Centres,
-        line_width: config.line_width,
-        border: config.border,
-        centre_circle_radius: 0.0,
-        corner_arc_radius: 0.0,
-        spot_radius: 0.0,
-        penalty_spot: 0.0,
-        goal_area: Default::default(),
-        penalty_area: Default::default(),
-        goal: GoalConfig::default(),
-        walls: false,
-        boundary: false,
-        halfway_line: false,
-        extra_lines: Vec::new(),
-        extra_arcs: Vec::new(),
-        extra_lines_std: Vec::new(),
-        extra_arcs_std: Vec::new(),
-    };
+    let size = [0, 1].map(|axis: usize| (high[axis] - low[axis]).max(EXTENT_MIN));
+    let mut field = FieldConfig::without_markings(size, config.line_width, config.border);
     for shape in shapes {
         add_shape(&mut field, shape, field_from_map);
     }

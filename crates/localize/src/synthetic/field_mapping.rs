@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::rough_drive::{RoughDrive, RoughDriveConfig};
 use crate::config::LocalizeConfig;
 use crate::estimate::Mode;
-use crate::field::{Field, Marking};
+use crate::field::{Field, Marking, marking_points};
 use crate::field_mapping::{
     FieldMappingConfig, FieldMappingError, MappedField, MappingImage, map_field,
 };
@@ -68,7 +68,7 @@ pub fn evaluate_mapping(
     let true_distances = distances(field);
     let found_distances = distances(&found);
     let [mut squares, mut most, mut near, mut wrong] = [0.0_f32; 4];
-    for at in marking_points(&found) {
+    for at in line_points(&found) {
         let at = true_from_found * at;
         let distance = true_distances.nearest(at.x, at.y).signed_distance.abs();
         if distance > SAME_MARKING {
@@ -82,7 +82,7 @@ pub fn evaluate_mapping(
         }
     }
     let found_from_true = true_from_found.inverse();
-    let truth = marking_points(field);
+    let truth = line_points(field);
     let seen = truth.iter().filter(|&&at| {
         let at = found_from_true * at;
         found_distances.nearest(at.x, at.y).signed_distance.abs() <= SAME_MARKING
@@ -148,7 +148,7 @@ fn align(
     found: &Field,
     start: Tf<FieldFrame, FieldFrame>,
 ) -> Tf<FieldFrame, FieldFrame> {
-    let points: Vec<LinePoint> = marking_points(found)
+    let points: Vec<LinePoint> = line_points(found)
         .iter()
         .map(|at| LinePoint {
             at: At::<RobotFrame>::new(at.x, at.y),
@@ -166,40 +166,6 @@ fn align(
         .refine(&distances(field), &points, start, ALIGNMENT_ERROR)
         .pose;
     Tf::new(pose.x, pose.y, pose.theta)
-}
-
-/// Points along all lines and arcs.
-fn marking_points(field: &Field) -> Vec<At<FieldFrame>> {
-    let mut points = Vec::new();
-    for marking in &field.markings {
-        match *marking {
-            Marking::Line { from, to } => {
-                let count = (from.distance_to(to) / SPACING).ceil().max(1.0) as usize;
-                points.extend((0..=count).map(|k| {
-                    let share = k as f32 / count as f32;
-                    At::new(
-                        from.x + share * (to.x - from.x),
-                        from.y + share * (to.y - from.y),
-                    )
-                }));
-            }
-            Marking::Arc {
-                centre,
-                radius,
-                start,
-                sweep,
-            } => {
-                let count = (radius * sweep / SPACING).ceil().max(1.0) as usize;
-                points.extend((0..=count).map(|k| {
-                    let (sin, cos) = math::sin_cos(start + sweep * k as f32 / count as f32);
-                    At::new(centre.x + radius * cos, centre.y + radius * sin)
-                }));
-            }
-            // Spots are not mapped.
-            Marking::Spot { .. } => {}
-        }
-    }
-    points
 }
 
 /// Mean square of the lines' errors across them at their middle, over their stated variances.
@@ -282,4 +248,11 @@ fn is_symmetric(field: &Field) -> bool {
         Default::default(),
     );
     search.is_half_turn_symmetric()
+}
+
+/// Points along all lines and arcs. Spots are not mapped.
+fn line_points(field: &Field) -> Vec<At<FieldFrame>> {
+    let is_line = |marking: &&Marking| !matches!(marking, Marking::Spot { .. });
+    let lines: Vec<Marking> = field.markings.iter().filter(is_line).copied().collect();
+    marking_points(&lines, SPACING)
 }

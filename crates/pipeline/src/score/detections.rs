@@ -2,6 +2,7 @@
 //!
 //! All are compared after correction by the tilt that matching estimated for the image.
 
+use localize::field::marking_points;
 use localize::frames::{At, FieldFrame, RobotFrame};
 use localize::math;
 use localize::tilt::ground_from_map;
@@ -213,7 +214,7 @@ impl DetectionStatistics {
                 self.near_points_correct += usize::from(off <= 0.1);
             }
         }
-        for at in overlay::marking_points(markings, SEGMENT_LENGTH) {
+        for at in marking_points(markings, SEGMENT_LENGTH) {
             let from_robot = scene.pose.inverse() * at;
             let range = from_robot.distance();
             if !(MIN_MARKING_RANGE..=MAX_MARKING_RANGE).contains(&range)

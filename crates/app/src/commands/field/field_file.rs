@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use localize::field::{Field, FieldConfig, GoalConfig, MeasuredTo};
+use localize::field::{Field, FieldConfig};
 use localize::global_search::branch_and_bound::BranchAndBound;
 use localize::{DistanceField, LocalizeConfig};
 use serde::Serialize;
@@ -31,32 +31,16 @@ impl Arc {
 
 /// A field that consists of these markings alone. Sizes in metres.
 pub(super) fn drawn_field(
-    [length, width]: [f32; 2],
+    size: [f32; 2],
     line_width: f32,
     border: f32,
     lines: &[Line],
     arcs: &[Arc],
 ) -> Result<FieldConfig> {
     let config = FieldConfig {
-        length,
-        width,
-        measured_to: MeasuredTo::Centres,
-        line_width,
-        border,
-        centre_circle_radius: 0.0,
-        corner_arc_radius: 0.0,
-        spot_radius: 0.0,
-        penalty_spot: 0.0,
-        goal_area: Default::default(),
-        penalty_area: Default::default(),
-        goal: GoalConfig::default(),
-        walls: false,
-        boundary: false,
-        halfway_line: false,
         extra_lines: lines.iter().map(|line| line.0).collect(),
         extra_arcs: arcs.iter().map(|arc| arc.0).collect(),
-        extra_lines_std: Vec::new(),
-        extra_arcs_std: Vec::new(),
+        ..FieldConfig::without_markings(size, line_width, border)
     };
     Field::new(config.clone())?;
     Ok(config)

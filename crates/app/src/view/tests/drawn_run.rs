@@ -4,6 +4,7 @@
 use std::sync::OnceLock;
 
 use localize::estimate::{Estimate, Fit, Mode, Reason};
+use localize::field::marking_points;
 use localize::global_search::branch_and_bound::Hypothesis;
 use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
@@ -23,7 +24,6 @@ use vision::lines::detection::{LinePointDetection, RejectedCandidate, RejectionR
 use vision::objects::ball::BallDetection;
 use vision::objects::goals::{GoalDetection, GoalKind};
 use vision::objects::robots::{ObstacleKind, RobotDetection};
-use vision::overlay::marking_points;
 use vision::process::Detections;
 
 use super::*;
