@@ -48,7 +48,7 @@ impl Default for MapCorrectionConfig {
             points_without_map: false,
             origin_std: 0.006,
             mirror_tilt_std_deg: 0.3,
-            mirror_offset_std: 0.003,
+            mirror_offset_std: 0.001,
             focal_std: 0.01,
             height_std: 0.005,
             smooth_std: 0.005,
