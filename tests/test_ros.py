@@ -387,10 +387,10 @@ def test_parameters_and_poses_are_set_and_the_log_repeats_every_bit(tmp_path: Pa
         return bool(latest) and math.cos(yaw(latest[-1].pose.pose.orientation) - heading) > 0.5
 
     # The robot may know this writer later than the writer knows the robot.
-    for _ in range(10):
+    written = 0
+    while written < 10 and not (written and wait(is_turned, 2.0)):
         initial.write(message)
-        if wait(is_turned, 2.0):
-            break
+        written += 1
     assert wait(is_turned, 5.0)
     time.sleep(1.0)
     answer = peer.call("mirrorball/set_pose", ros.SetPoseRequest(message), ros.SetPoseResponse)
@@ -398,7 +398,8 @@ def test_parameters_and_poses_are_set_and_the_log_repeats_every_bit(tmp_path: Pa
     time.sleep(2.0)
     report, _ = finish(sim, run)
     texts = [change["reason"] or "" for change in report["changes"]]
-    assert sum("pose given" in text for text in texts) >= 2, texts
+    # One that was written before the robot knew the writer is lost; the service gave another.
+    assert 2 <= sum("pose given" in text for text in texts) <= written + 1, texts
     assert any("vision.scan.range_max 9 → 7.5" in text for text in texts), texts
     verified = json.loads(subprocess.run([PROGRAM, "replay", log, "--verify", "--json"], capture_output=True, text=True).stdout)
     assert verified["verified"]["identical"]
