@@ -75,7 +75,7 @@ pub struct RobotSummary {
     /// Error of the team's fused ball, metres, while the ball was far from all robots.
     pub team_far_ball_m: Option<SampleStatistics>,
     /// Received team messages.
-    pub words: u64,
+    pub messages: u64,
 }
 
 /// Team messages in transit.
@@ -178,7 +178,7 @@ impl MultiRobotSimulation {
                 summary: player.statistics.summary(),
                 own_far_ball_m: score::sample_statistics(player.own_ball_errors),
                 team_far_ball_m: score::sample_statistics(player.team_ball_errors),
-                words: player.team_link.counts().received,
+                messages: player.team_link.counts().received,
             })
         };
         self.players
@@ -388,7 +388,7 @@ fn log_path(log: &Path, index: usize) -> PathBuf {
 
 /// Prints the results of all robots.
 pub fn print(summaries: &[RobotSummary]) {
-    println!("robot  frames  tracking  position  heading  far ball: own  team  words");
+    println!("robot  frames  tracking  position  heading  far ball: own  team  messages");
     for robot in summaries {
         let mean = |statistics: &Option<SampleStatistics>| {
             statistics.as_ref().map_or("-".to_owned(), |statistics| {
@@ -409,7 +409,7 @@ pub fn print(summaries: &[RobotSummary]) {
             )),
             mean(&robot.own_far_ball_m),
             mean(&robot.team_far_ball_m),
-            robot.words
+            robot.messages
         );
     }
 }

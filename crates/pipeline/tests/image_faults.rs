@@ -177,7 +177,7 @@ fn half_transmitted_image_is_named_whatever_fills_the_rest() -> Result<()> {
         })?;
     }
     // The rest stays what the buffer held: the lower part of the last whole image. A lower part that was never delivered
-    // before, one image old, is not told from a moving scene.
+    // before, one image old, is not distinguishable from a moving scene.
     let mut held: Option<Vec<u8>> = None;
     assert_named("hall_bright.toml", "torn", move |image, last, _| {
         let from = 3 * image.width_px * 300;

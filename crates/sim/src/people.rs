@@ -155,20 +155,20 @@ impl People {
                 None => self.config.speed,
             };
             let [dx, dy] = retreat.unwrap_or([dx, dy]);
-            let way = dx.hypot(dy).max(1e-6);
+            let distance = dx.hypot(dy).max(1e-6);
             person.walks = speed > 0.0;
             let moved = speed * step;
             let theta = dy.atan2(dx);
             if person.walks {
                 person.pose = Pose::new(
-                    person.pose.x + moved * dx / way,
-                    person.pose.y + moved * dy / way,
+                    person.pose.x + moved * dx / distance,
+                    person.pose.y + moved * dy / distance,
                     theta,
                 );
             }
             person.phase = wrap_angle(person.phase + TAU * moved / GAIT_LENGTH);
             self.pauses[index] -= step;
-            if retreat.is_none() && person.walks && way < ARRIVED {
+            if retreat.is_none() && person.walks && distance < ARRIVED {
                 let pause = PAUSE[0] + (PAUSE[1] - PAUSE[0]) * rng.random::<f32>();
                 self.pauses[index] = pause;
                 self.destinations[index] = self.destination(rng);

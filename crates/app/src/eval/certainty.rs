@@ -209,7 +209,7 @@ pub(crate) fn run_certainty_drives(
                 rows.row(format_args!(
                     "{},{method},{seed},{seconds},{:.3},{:.4}",
                     csv_quote(&variant.name),
-                    run.way,
+                    run.distance,
                     run.wrong_share
                 ))?;
             }
@@ -245,7 +245,7 @@ fn certainty_metrics(
         .iter()
         .map(|run| run.seconds.map_or(limit, f64::from))
         .collect();
-    let ways: Vec<f64> = runs.iter().map(|run| f64::from(run.way)).collect();
+    let distances: Vec<f64> = runs.iter().map(|run| f64::from(run.distance)).collect();
     let undecided = runs.iter().filter(|run| run.seconds.is_none()).count();
     let wrong: Vec<f64> = runs
         .iter()
@@ -259,7 +259,7 @@ fn certainty_metrics(
             &seconds,
         ),
         Metric::median(variant, method, "median of it, s", seconds.clone()),
-        Metric::mean(variant, method, "way until then, m", &ways),
+        Metric::mean(variant, method, "distance until then, m", &distances),
         Metric::proportion(
             variant,
             method,

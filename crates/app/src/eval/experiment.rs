@@ -147,7 +147,7 @@ pub(crate) struct TeamVariant {
     /// Its name in tables.
     pub name: String,
     /// Images between two team messages of a robot, at 30 images per second.
-    pub frames_per_word: Option<usize>,
+    pub frames_per_message: Option<usize>,
     /// Share of lost messages.
     pub loss: Option<f32>,
     /// Longest transmission time of a message, seconds.

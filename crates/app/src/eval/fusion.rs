@@ -114,19 +114,19 @@ fn metrics_of(variant: &str, method: &str, rows: &[&FusionScore]) -> Vec<Metric>
         mean("in the second after a hit, cm", |row| {
             row.after_hit.map(|m| 100.0 * m)
         }),
-        mean("along the way, cm", |row| Some(100.0 * row.along)),
+        mean("along-track error, cm", |row| Some(100.0 * row.along)),
         // Wheel odometry alone gives no covariance.
         mean("NEES (3 is honest)", |row| {
             (row.nees > 0.0).then_some(row.nees)
         }),
         mean("NEES while blind (3 is honest)", |row| row.nees_blind),
-        mean("of it along the way (1 is honest)", |row| {
+        mean("along-track share of it (1 is honest)", |row| {
             row.nees_blind_by_direction.map(|all| all[0])
         }),
-        mean("of it across the way (1 is honest)", |row| {
+        mean("cross-track share of it (1 is honest)", |row| {
             row.nees_blind_by_direction.map(|all| all[1])
         }),
-        mean("of it the heading (1 is honest)", |row| {
+        mean("heading share of it (1 is honest)", |row| {
             row.nees_blind_by_direction.map(|all| all[2])
         }),
         mean("inside the 95 % band, %", |row| {

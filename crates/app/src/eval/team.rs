@@ -56,7 +56,7 @@ fn team_experiment(variant: &TeamVariant) -> TeamExperiment {
     let default = TeamExperiment::default();
     TeamExperiment {
         frames_per_message: variant
-            .frames_per_word
+            .frames_per_message
             .unwrap_or(default.frames_per_message)
             .max(1),
         loss: variant.loss.unwrap_or(default.loss),

@@ -1,4 +1,4 @@
-//! Which images stand for the drive? Keyframes a short way apart, each with the points of the images up to the next.
+//! Which images stand for the drive? Keyframes a short distance apart, each with the points of the images up to the next.
 
 use super::FieldMappingConfig;
 use super::error::FieldMappingError;

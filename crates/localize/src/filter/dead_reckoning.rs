@@ -1,7 +1,7 @@
 //! Pose by measured motions with an honest covariance, for filters that do not estimate the odometry scales.
 //!
 //! Two scales, of translation and rotation, are parameters of a Schmidt-Kalman filter: they are not estimated, but their
-//! error is common to all motions since the last image. It adds up along the way instead of averaging out.
+//! error is common to all motions since the last image. It adds up along the path instead of averaging out.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 

@@ -64,7 +64,7 @@ pub(super) struct PathTracker {
     robots: usize,
 }
 
-/// What a ray told.
+/// What a ray contributes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RayEvidence {
     /// Logarithm of the probability density of the ray after all rays before it.

@@ -53,7 +53,7 @@ impl MapCorrection {
         }
         self.coefficients = refit.coefficients;
         self.applied = refit.coefficients;
-        // One image finds the way; the next ones learn from there.
+        // One image finds the direction; the next ones learn from there.
         self.covariance = self.prior;
         self.sensitivity = PoseByTerm::zeros();
         self.knocks += 1;

@@ -45,7 +45,7 @@ pub struct MatchStart {
     pub error: f32,
     /// Tilt beyond the expected one, radians.
     pub tilt: [f32; 2],
-    /// The points count as those of a single image, not as one of many along the way that repeat errors: the robot moved
+    /// The points count as those of a single image, not as one of many of a drive that repeat errors: the robot moved
     /// so much against the prediction that no repeated error explains it.
     pub is_single_image: bool,
 }

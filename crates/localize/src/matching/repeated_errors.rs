@@ -69,12 +69,12 @@ impl Repetition {
         1.0 + self.share * (self.cluster - 1.0)
     }
 
-    /// The same for one of many images along the way: images close together repeat their errors.
+    /// The same for one of many images of a drive: images close together repeat their errors.
     pub fn sequence_factor(self, from: Pose, to: Pose) -> f32 {
-        let way = math::hypot(to.x - from.x, to.y - from.y) / DISTANCE
+        let distance = math::hypot(to.x - from.x, to.y - from.y) / DISTANCE
             + wrap_angle(to.theta - from.theta).abs() / TURN;
         // Noise with the correlation ρ between images averages like white noise of (1 + ρ)/(1 − ρ) times its variance.
-        let correlation = math::exp(-way);
+        let correlation = math::exp(-distance);
         let images = ((1.0 + correlation) / (1.0 - correlation).max(1e-3)).min(IMAGES_MAX);
         1.0 + self.share * (self.cluster * images - 1.0)
     }
@@ -134,7 +134,7 @@ impl RepeatedErrors {
         }
     }
 
-    /// Variance of the mean error of an image at `pose` over that of independent errors, as one of many along the way.
+    /// Variance of the mean error of an image at `pose` over that of independent errors, as one of many of a drive.
     pub(super) fn sequence_factor(&self, pose: Pose) -> f32 {
         let repetition = self.repetition();
         self.pose.map_or(repetition.image_factor(), |last| {

@@ -52,7 +52,7 @@ pub struct CertaintyRun {
     /// is not at the end.
     pub seconds: Option<f32>,
     /// Way driven until then, metres.
-    pub way: f32,
+    pub distance: f32,
     /// Share of all images in which one wrong pose was tracked.
     pub wrong_share: f32,
 }
@@ -74,7 +74,7 @@ struct Robot<'a> {
     rng: Xoshiro256PlusPlus,
     localizer: Localizer,
     images: i64,
-    way: f32,
+    distance: f32,
 }
 
 /// Runs a behaviour at the place of one seed. None if the place is not ambiguous: its first images decide.
@@ -94,7 +94,7 @@ pub fn run_certainty(
         rng,
         localizer: base.clone(),
         images: 0,
-        way: 0.0,
+        distance: 0.0,
     };
     let rate = experiment.drive.frame_rate;
     for _ in 0..(experiment.standing * rate) as usize {
@@ -103,7 +103,7 @@ pub fn run_certainty(
     if !robot.localizer.has_several_hypotheses() {
         return None;
     }
-    robot.way = 0.0;
+    robot.distance = 0.0;
     let mut course = Course::new(behaviour, &mut robot.rng);
     let count = ((experiment.seconds * rate) as usize).max(1);
     let mut right_since = None;
@@ -121,7 +121,7 @@ pub fn run_certainty(
             .map(|pose| off(pose).min(off(half_turn(pose))) <= WRONG_DISTANCE);
         match is_right {
             Some(true) => {
-                right_since.get_or_insert((k, robot.way));
+                right_since.get_or_insert((k, robot.distance));
             }
             Some(false) => {
                 right_since = None;
@@ -132,7 +132,7 @@ pub fn run_certainty(
     }
     Some(CertaintyRun {
         seconds: right_since.map(|(k, _)| k as f32 / rate),
-        way: right_since.map_or(robot.way, |(_, way)| way),
+        distance: right_since.map_or(robot.distance, |(_, distance)| distance),
         wrong_share: wrong as f32 / count as f32,
     })
 }
@@ -148,7 +148,7 @@ impl Robot<'_> {
         }
         let [dx, dy, turn] = motion;
         self.pose = self.pose * crate::frames::Tf::new(dx, dy, turn);
-        self.way += math::hypot(dx, dy);
+        self.distance += math::hypot(dx, dy);
         let stamp = Stamp::from_seconds(self.images as f64 * f64::from(dt));
         self.images += 1;
         let mut measured = |value: f32| {
@@ -176,7 +176,7 @@ impl Robot<'_> {
     }
 }
 
-/// The way that a robot takes.
+/// The path that a robot takes.
 struct Course {
     behaviour: Behaviour,
     /// Direction of straight drives in the robot frame, radians.

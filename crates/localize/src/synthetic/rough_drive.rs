@@ -1,7 +1,7 @@
 //! Rough drives: what does a robot measure whose errors are not those that the filter models?
 //!
 //! Independent of `drive` and of the filter's noise: speeds follow a ramp to random targets, wheels of unequal radius
-//! turn a straight way into an arc, odometry errors are correlated in time, the robot tilts by a full rotation, points
+//! turn a straight drive into an arc, odometry errors are correlated in time, the robot tilts by a full rotation, points
 //! have heavy tails, clusters of outliers and an error that repeats in each image. Each of them can be switched off.
 
 use nalgebra::{Rotation3, Vector3};
@@ -31,7 +31,7 @@ pub struct WheelErrors {
     pub white_heading: f64,
     /// Error with a correlation time of 0.5 s, share of the motion.
     pub slow_share: f64,
-    /// Is the localizer told where the wheels are?
+    /// Does the localizer know where the wheels are?
     pub known: bool,
 }
 
@@ -492,7 +492,7 @@ fn report_with_wrong_radii(motion: [f64; 3], radius_ratio: [f64; 3]) -> [f64; 3]
         Vector3::new(-math::sin(angle), math::cos(angle), BASE_RADIUS)
     });
     let wheels = nalgebra::Matrix3::from_rows(&rows.map(|row| row.transpose()));
-    // A larger wheel turns less for the same way.
+    // A larger wheel turns less over the same distance.
     let turned = (wheels * Vector3::from(motion)).component_div(&Vector3::from(radius_ratio));
     wheels
         .try_inverse()

@@ -43,10 +43,10 @@ fn multi_robot_run_is_deterministic_and_replays_bit_for_bit() {
     assert_eq!(summaries.len(), 3);
     for robot in &summaries {
         assert!(
-            robot.words > 10,
+            robot.messages > 10,
             "robot {} received {}",
             robot.robot,
-            robot.words
+            robot.messages
         );
         let error = robot.summary.position_error_m.as_ref().expect("scored");
         assert!(error.median < 0.3, "{} m", error.median);

@@ -16,7 +16,7 @@ pub enum Disturbance {
     Lean,
     /// Plain, without line points for two of every eight seconds.
     Blind,
-    /// Blind, with wheels of unequal radius, which turn a straight way into an arc.
+    /// Blind, with wheels of unequal radius, which turn a straight drive into an arc.
     UnequalWheels,
     /// Slip, pushes, tilt, vision loss and unequal wheels together.
     All,

@@ -119,8 +119,8 @@ mod tests {
             std::array::from_fn(|k| m[3 * k] * v[0] + m[3 * k + 1] * v[1] + m[3 * k + 2] * v[2])
         };
         let (origin, ray) = (apply([0.0, 0.0, height]), apply([map[0], map[1], -height]));
-        let way = origin[2] / -ray[2];
-        let at = [origin[0] + way * ray[0], origin[1] + way * ray[1]];
+        let distance = origin[2] / -ray[2];
+        let at = [origin[0] + distance * ray[0], origin[1] + distance * ray[1]];
         let expected = ground_from_map(map, tilt, height);
         for k in 0..2 {
             assert!((at[k] - expected[k]).abs() < 2e-3, "{at:?} {expected:?}");

@@ -318,8 +318,8 @@ fn draw_sphere(
             if covered <= 0.0 {
                 continue;
             }
-            let way = along - (ball.radius * ball.radius - square).max(0.0).sqrt();
-            let up = (oz[i] + way * direction[2] - centre) / ball.radius;
+            let distance = along - (ball.radius * ball.radius - square).max(0.0).sqrt();
+            let up = (oz[i] + distance * direction[2] - centre) / ball.radius;
             // Light from above, some reflected by the carpet, a highlight on top.
             let bright = 0.52 + 0.5 * up.clamp(-1.0, 1.0);
             let shine = 0.35 * (up - 0.82).max(0.0) / 0.18;
@@ -375,14 +375,14 @@ fn draw_panel_runs(
             let cross = tx[i] * ey - ty[i] * ex;
             // Avoids division by zero for a ray parallel to the panel.
             let per_cross = 1.0 / cross.abs().max(1e-6).copysign(cross);
-            let way = (dx * ey - dy * ex) * per_cross;
-            let ahead = if way > 0.0 { 1.0 } else { 0.0 };
-            let way = way.max(0.0);
+            let distance = (dx * ey - dy * ex) * per_cross;
+            let ahead = if distance > 0.0 { 1.0 } else { 0.0 };
+            let distance = distance.max(0.0);
             let along = (dx * ty[i] - dy * tx[i]) * per_cross * length;
-            let height = oz[i] + slope[i] * way;
+            let height = oz[i] + slope[i] * distance;
             // The footprint grows with the angle of incidence.
-            let across = way * spacing[i] * length * per_cross.abs() + 1e-4;
-            let rise = way * slope_spacing[i] + 1e-4;
+            let across = distance * spacing[i] * length * per_cross.abs() + 1e-4;
+            let rise = distance * slope_spacing[i] + 1e-4;
             let inside = edge_coverage(along, across) * edge_coverage(length - along, across);
             let covered = ahead
                 * inside

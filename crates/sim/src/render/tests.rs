@@ -244,7 +244,7 @@ fn doubled_light_at_half_exposure_gives_the_same_image() {
     assert!(usual.iter().zip(&bright).all(|(a, b)| a.abs_diff(*b) <= 1));
 }
 
-/// Ground point of a tilted robot's pixel, by nalgebra's rotations: an independent way to the renderer's.
+/// Ground point of a tilted robot's pixel, by nalgebra's rotations: independent of the renderer's.
 fn tilted_ground_point(
     fixture: &RenderFixture,
     (column, row): (usize, usize),
@@ -259,8 +259,13 @@ fn tilted_ground_point(
     let rotation = nalgebra::Rotation3::rotation_between(&up, &nalgebra::Vector3::z())?;
     let origin = rotation * nalgebra::Vector3::from(ray.origin);
     let direction = rotation * nalgebra::Vector3::from(ray.direction);
-    let way = -origin.z / direction.z;
-    (way > 0.0).then(|| At::new(origin.x + way * direction.x, origin.y + way * direction.y))
+    let distance = -origin.z / direction.z;
+    (distance > 0.0).then(|| {
+        At::new(
+            origin.x + distance * direction.x,
+            origin.y + distance * direction.y,
+        )
+    })
 }
 
 #[test]

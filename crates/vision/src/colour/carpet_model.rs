@@ -136,7 +136,7 @@ impl CarpetModel {
         let [brightness, along, across] = self.chroma_coordinates(rgb);
         let [carpet_brightness, ..] = self.chroma_coordinates(self.carpet);
         let relative = brightness / carpet_brightness.max(1e-6);
-        // Brighter than half way between carpet and white.
+        // Brighter than midway between carpet and white.
         let bright = brightness > 0.5 * (carpet_brightness + 1.0);
         if self.is_grey() {
             return match relative {
@@ -152,7 +152,7 @@ impl CarpetModel {
         }
         let slack = config.carpet_hue_tolerance * share.clamp(0.75, 1.25);
         // Noise of a dark grey pixel resembles the carpet's chroma. So the darker the pixel, the closer the threshold is to
-        // half way between grey and carpet, which minimises both errors.
+        // midway between grey and carpet, which minimises both errors.
         let white = mean(self.white);
         let noise = self.noise / (white * brightness * self.chroma).max(1e-3);
         let least = (config.carpet_chroma_min + 1.5 * noise).min(0.55);

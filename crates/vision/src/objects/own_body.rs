@@ -1,6 +1,6 @@
 //! How far does the robot's own body hide the floor in each direction? What hides it in every view is the robot itself.
 //!
-//! Only when this is known can something that touches the robot be told from it: both begin where the image begins.
+//! Only when this is known can something that touches the robot be distinguished from it: both begin where the image begins.
 
 use crate::objects::radial_scan::RadialScan;
 use crate::optics::image_polar::wrap_turns;

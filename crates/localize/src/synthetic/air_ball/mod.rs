@@ -115,8 +115,8 @@ fn evaluate_team(path: &TruePath, trial: &AirExperiment, rng: &mut impl Rng) -> 
         for (number, observer) in observers.iter_mut().enumerate() {
             observer.errors.step(trial.error_time, rng);
             // The own ray comes with each image, those of team-mates with every second one, and a fifth is lost.
-            let heard = number == 0 || image % 2 == number % 2 && rng.random::<f32>() > 0.2;
-            if !heard {
+            let observed = number == 0 || image % 2 == number % 2 && rng.random::<f32>() > 0.2;
+            if !observed {
                 continue;
             }
             let late = CLOCK_STD * observer.errors.0[5];

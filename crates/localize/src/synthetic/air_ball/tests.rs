@@ -1,4 +1,4 @@
-//! A ball in the air is told from one on the ground, found, and given an honest covariance.
+//! A ball in the air is distinguished from one on the ground, located, and given a consistent covariance.
 
 use super::*;
 
