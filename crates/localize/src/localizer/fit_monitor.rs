@@ -180,6 +180,8 @@ impl FitMonitor {
         ranges.sort_by(f32::total_cmp);
         let (nearest, farthest) = (*ranges.first()?, *ranges.last()?);
         let range = farthest.min(SIGHT_RANGE);
+        let here = PointsNear::new(points.iter().map(|point| [point.at.x, point.at.y]));
+        let before = PointsNear::new(self.points_before.iter().map(|point| [point.x, point.y]));
         let (mut in_sight, mut seen) = (0, 0);
         for marking in &self.markings {
             if marking.distance_to(pose.origin()) > range {
@@ -190,10 +192,7 @@ impl FitMonitor {
                 continue;
             }
             in_sight += 1;
-            let near = |dx: f32, dy: f32| dx * dx + dy * dy < SEEN_DISTANCE * SEEN_DISTANCE;
-            let here = |point: &LinePoint| near(point.at.x - at.x, point.at.y - at.y);
-            let before = |point: &At<FieldFrame>| near(point.x - marking.x, point.y - marking.y);
-            seen += usize::from(points.iter().any(here) || self.points_before.iter().any(before));
+            seen += usize::from(here.any([at.x, at.y]) || before.any([marking.x, marking.y]));
         }
         (in_sight >= 8).then(|| seen as f32 / in_sight as f32)
     }
@@ -224,6 +223,28 @@ impl FitMonitor {
         let points = self.on_markings.known(IMAGES_MIN / SEEN_STRIDE);
         wheels.is_some_and(|agreement| agreement < AGREEMENT_MIN)
             || points.is_some_and(|share| share < inlier_share_min)
+    }
+}
+
+/// Points with which markings are compared, coordinate by coordinate: eight comparisons at a time.
+struct PointsNear {
+    x: Vec<f32>,
+    y: Vec<f32>,
+}
+
+impl PointsNear {
+    fn new(points: impl Iterator<Item = [f32; 2]>) -> Self {
+        let (x, y) = points.map(|[x, y]| (x, y)).unzip();
+        PointsNear { x, y }
+    }
+
+    /// Is a point within [`SEEN_DISTANCE`]? Counts them all: a loop that ends early is not vectorised.
+    fn any(&self, [x, y]: [f32; 2]) -> bool {
+        let near = |(px, py): (&f32, &f32)| {
+            let (dx, dy) = (px - x, py - y);
+            u32::from(dx * dx + dy * dy < SEEN_DISTANCE * SEEN_DISTANCE)
+        };
+        self.x.iter().zip(&self.y).map(near).sum::<u32>() > 0
     }
 }
 

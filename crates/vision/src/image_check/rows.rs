@@ -227,26 +227,34 @@ impl SampledRows {
         let mut noise = [0usize; 256];
         let mut fewest = usize::MAX;
         let rows: Vec<&SampledRow> = self.read_rows().collect();
+        let columns = rows.first().map_or(0, |row| row.ground.len());
+        // Of each column of a band: the sum of its levels on the ground, and how many they are.
+        let mut sums = vec![0u16; columns];
+        let mut counts = vec![0u16; columns];
         for band in rows.chunks(PART_ROWS) {
-            let parts = self.size_px.0.div_ceil(PART_SAMPLES * COLUMN_STEP);
-            let mut sums = vec![(0u32, 0usize); parts];
+            sums.fill(0);
+            counts.fill(0);
             for row in band {
                 let levels = self.levels_of(row);
                 for run in &row.runs {
                     for [left, right] in levels[run.clone()].array_windows() {
                         noise[usize::from(left.abs_diff(*right))] += 1;
                     }
-                    for number in run.clone() {
-                        let part = &mut sums[number / PART_SAMPLES];
-                        *part = (part.0 + u32::from(levels[number]), part.1 + 1);
-                    }
+                }
+                let totals = sums.iter_mut().zip(&mut counts);
+                for ((sum, count), (level, shown)) in totals.zip(levels.iter().zip(&row.ground)) {
+                    *sum += u16::from(*level) * u16::from(*shown);
+                    *count += u16::from(*shown);
                 }
             }
             let full = PART_ROWS * PART_SAMPLES / (2 * self.row_step);
-            let whole = sums.iter().filter(|(_, count)| *count >= full);
-            for (sum, count) in whole {
-                means.push(*sum as f32 / *count as f32);
-                fewest = fewest.min(*count);
+            for (sums, counts) in sums.chunks(PART_SAMPLES).zip(counts.chunks(PART_SAMPLES)) {
+                let count = usize::from(counts.iter().sum::<u16>());
+                if count >= full {
+                    let sum: u32 = sums.iter().map(|sum| u32::from(*sum)).sum();
+                    means.push(sum as f32 / count as f32);
+                    fewest = fewest.min(count);
+                }
             }
         }
         if means.len() < 20 {
@@ -320,9 +328,13 @@ fn read_packed<const BYTES: usize>(
     places: [usize; 3],
     samples: &mut [[u8; 3]],
 ) {
-    let bytes = &image.data[row * image.stride..];
-    for (sample, bytes) in samples.iter_mut().zip(bytes.chunks(BYTES)) {
+    let (pixels, _) = image.data[row * image.stride..].as_chunks::<BYTES>();
+    for (sample, bytes) in samples.iter_mut().zip(pixels) {
         *sample = places.map(|place| bytes[place]);
+    }
+    // The last row may end before its last sample's neighbours do.
+    for (number, sample) in samples.iter_mut().enumerate().skip(pixels.len()) {
+        *sample = image.native_channels(number * COLUMN_STEP, row);
     }
 }
 

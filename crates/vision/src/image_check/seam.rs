@@ -30,6 +30,10 @@ pub(super) struct SeamFinder {
     columns: usize,
     /// Brightness difference of each pair of rows, column by column.
     steps: Vec<u8>,
+    /// The largest of two, four and six steps below each other.
+    two: Vec<u8>,
+    four: Vec<u8>,
+    six: Vec<u8>,
     /// Mean difference of each pair where both show ground; not a number where the rows do not follow each other.
     differences: Vec<f32>,
     /// Columns with a sharp step, of each pair.
@@ -85,29 +89,31 @@ impl SeamFinder {
         share_min: f32,
     ) -> Option<usize> {
         let pairs = self.differences.len();
-        let mut beside = vec![0u8; self.columns];
+        self.find_largest_beside();
         self.sharp.clear();
+        let mut is_sharp = vec![false; self.columns];
         for number in 0..pairs {
-            let around = number.saturating_sub(ROWS_BESIDE)..(number + ROWS_BESIDE + 1).min(pairs);
-            if around.len() < 2 * ROWS_BESIDE + 1 {
+            if number < ROWS_BESIDE || number + ROWS_BESIDE >= pairs {
                 self.sharp.push(0);
                 continue;
             }
-            beside.fill(0);
-            for other in around.filter(|other| *other != number) {
-                for (most, step) in beside.iter_mut().zip(self.steps_of(other)) {
-                    *most = (*most).max(*step);
-                }
+            let [upper, lower] = [read[number], read[number + 1]];
+            let shown = upper.ground.iter().zip(&lower.ground);
+            let before = self.largest_of_six(number - ROWS_BESIDE);
+            let beside = before.iter().zip(self.largest_of_six(number + 1));
+            let steps = self.steps_of(number).iter().zip(beside).zip(shown);
+            for (is_sharp, ((step, (before, after)), (above, below))) in
+                is_sharp.iter_mut().zip(steps)
+            {
+                let beside = *before.max(after);
+                *is_sharp = above & below & (*step > STEP_MIN) & (*step / 2 > beside);
             }
-            let shown = read[number].ground.iter().zip(&read[number + 1].ground);
-            let steps = self.steps_of(number).iter().zip(&beside).zip(shown);
-            let is_sharp = |((step, beside), (above, below)): ((&u8, &u8), (&bool, &bool))| {
-                above & below & (*step > STEP_MIN) & (*step / 2 > *beside)
-            };
-            let sharp = steps.map(is_sharp);
-            let [above, below] = [read[number], read[number + 1]].map(|row| rows.levels_of(row));
-            let brighter = above.iter().zip(below).map(|(above, below)| below > above);
-            self.sharp.push(count_by_edge(sharp.zip(brighter)));
+            // Most pairs of rows have no sharp step: only the others are counted by their edges.
+            let any = is_sharp.iter().fold(false, |any, is_sharp| any | is_sharp);
+            let levels = rows.levels_of(upper).iter().zip(rows.levels_of(lower));
+            let brighter = levels.map(|(above, below)| below > above);
+            let steps = is_sharp.iter().copied().zip(brighter);
+            self.sharp.push(if any { count_by_edge(steps) } else { 0 });
         }
         let (seam, &most) = (self.sharp.iter().enumerate()).max_by_key(|(_, count)| **count)?;
         let others = self.sharp.iter().enumerate();
@@ -119,8 +125,22 @@ impl SeamFinder {
         (excess > share_min * self.columns as f32).then(|| read[seam + 1].row)
     }
 
+    /// The largest step of each column over six pairs of rows, from each pair on.
+    fn find_largest_beside(&mut self) {
+        const { assert!(ROWS_BESIDE == 6) };
+        let row = self.columns;
+        max_of_shifted(&self.steps, &self.steps, row, &mut self.two);
+        max_of_shifted(&self.two, &self.two, 2 * row, &mut self.four);
+        max_of_shifted(&self.four, &self.two, 4 * row, &mut self.six);
+    }
+
     fn steps_of(&self, pair: usize) -> &[u8] {
         &self.steps[pair * self.columns..][..self.columns]
+    }
+
+    /// The largest step of each column over [`ROWS_BESIDE`] pairs from this one on.
+    fn largest_of_six(&self, pair: usize) -> &[u8] {
+        &self.six[pair * self.columns..][..self.columns]
     }
 
     /// The first row from which pixels are lost.
@@ -138,6 +158,13 @@ impl SeamFinder {
         });
         seam.map(|(number, _)| read[number + 3].row)
     }
+}
+
+/// The larger of each value of `first` and the one of `second` that is `shift` further on.
+fn max_of_shifted(first: &[u8], second: &[u8], shift: usize, largest: &mut Vec<u8>) {
+    let shifted = second.get(shift..).unwrap_or_default();
+    largest.clear();
+    largest.extend(first.iter().zip(shifted).map(|(a, b)| *a.max(b)));
 }
 
 /// Counts sharp steps, of those of one edge along the row at most [`EDGE_MAX`]: a marking that lies along the rows of
@@ -192,7 +219,27 @@ fn is_displaced(rows: &SampledRows, image: &ImageView<'_>, above: &SampledRow) -
 
 #[cfg(test)]
 mod tests {
-    use super::{EDGE_MAX, count_by_edge};
+    use super::{EDGE_MAX, ROWS_BESIDE, SeamFinder, count_by_edge};
+
+    #[test]
+    fn largest_steps_beside_a_pair_are_those_of_six_pairs() {
+        const COLUMNS: usize = 3;
+        let steps: Vec<u8> = (0..20 * COLUMNS)
+            .map(|index| (index * index * 37 % 251) as u8)
+            .collect();
+        let mut finder = SeamFinder {
+            columns: COLUMNS,
+            steps: steps.clone(),
+            ..SeamFinder::default()
+        };
+        finder.find_largest_beside();
+        for pair in 0..=20 - ROWS_BESIDE {
+            for column in 0..COLUMNS {
+                let here = (pair..pair + ROWS_BESIDE).map(|pair| steps[pair * COLUMNS + column]);
+                assert_eq!(finder.largest_of_six(pair)[column], here.max().unwrap_or(0));
+            }
+        }
+    }
 
     #[test]
     fn marking_along_the_rows_counts_as_one_edge() {
