@@ -41,6 +41,9 @@ const VIBRATION_GROWTH_MAX: f32 = 9.0;
 /// (m/s²)².
 const VIBRATION_VARIANCE_STEP: f32 = 0.01;
 
+/// Readings over which their mean period is remembered.
+const PERIOD_READINGS: f32 = 128.0;
+
 /// Age at which the wheels' acceleration is no longer used, seconds.
 const WHEEL_ACCELERATION_AGE_MAX: f64 = 0.1;
 
@@ -60,6 +63,9 @@ struct LastImu {
     vibration_variance: f32,
     /// Time since the previous reading, seconds.
     sample_period: f32,
+    /// Mean of the periods, seconds. A computer that is busy stamps several readings almost at once: derivatives over
+    /// their stamps would be many times too large.
+    mean_period: f32,
     shock: bool,
     /// Integrals of specific force (x, y) and rate that the filters already received after this reading.
     integrated: [f32; 5],
@@ -105,9 +111,12 @@ impl LastImu {
     ///
     /// The rate continues with its derivative, so a rotation that begins is not delayed by a few milliseconds.
     fn extrapolate(&mut self, since: f32, seconds: f32) -> ImuInterval {
-        let middle = since + 0.5 * seconds;
+        // Beyond the next reading that was due, the derivative says nothing.
+        let derived = |time: f32| time.min(self.mean_period.max(self.sample_period));
+        let middle = derived(since + 0.5 * seconds);
         let rate: [f32; 3] =
             std::array::from_fn(|k| self.rate[k] + middle * self.angular_acceleration[k]);
+        let end = derived(since + seconds);
         let values = self.specific_force.iter().chain(&rate);
         for (integral, value) in self.integrated.iter_mut().zip(values) {
             *integral += value * seconds;
@@ -115,7 +124,7 @@ impl LastImu {
         ImuInterval {
             specific_force: self.specific_force,
             mean_angular_velocity: rate,
-            final_yaw_rate: self.rate[2] + (since + seconds) * self.angular_acceleration[2],
+            final_yaw_rate: self.rate[2] + end * self.angular_acceleration[2],
             vibration_std: self.vibration_variance.sqrt(),
             sample_period: self.sample_period,
         }
@@ -232,14 +241,21 @@ impl MotionInputs {
             collision.shock_acceleration + collision.motor_acceleration_max
         };
         let shock = excess > excess_max;
+        let mean_period = match previous {
+            Some(last) if connected && last.mean_period > 0.0 => {
+                last.mean_period + (seconds - last.mean_period) / PERIOD_READINGS
+            }
+            _ => seconds,
+        };
+        let step = seconds.max(mean_period);
         let angular_acceleration = match previous {
             Some(last) if connected && !shock => {
-                std::array::from_fn(|k| (imu.angular_velocity[k] - last.rate[k]) / seconds)
+                std::array::from_fn(|k| (imu.angular_velocity[k] - last.rate[k]) / step)
             }
             _ => [0.0; 3],
         };
         let (jerk, vibration_variance) = match previous {
-            Some(last) if connected => last.estimate_vibration(imu, seconds),
+            Some(last) if connected => last.estimate_vibration(imu, step),
             _ => ([0.0; 2], 0.0),
         };
         let reading = LastImu {
@@ -250,6 +266,7 @@ impl MotionInputs {
             jerk,
             vibration_variance,
             sample_period: seconds,
+            mean_period,
             shock,
             integrated: [0.0; 5],
         };
@@ -368,3 +385,6 @@ impl MotionInputs {
         Some([up.x, up.y])
     }
 }
+
+#[cfg(test)]
+mod tests;
