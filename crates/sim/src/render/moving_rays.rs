@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::rays::{RayRun, SortedRays, Tile};
+use super::rays::{LANES, RayRun, SortedRays, Tile, padded};
 use super::row_transform::RowTransform;
 
 /// Largest distance of a ground point, metres: beyond any hall.
@@ -11,10 +11,10 @@ pub(super) const RANGE_MAX: f32 = 60.0;
 const LEVEL_SLOPE: f32 = 1e-6;
 
 /// Rays that are moved at once.
-const LANES: usize = 64;
+const BLOCK: usize = 64;
 
 /// Components of rays that are moved at once: origin, direction, slope, ground point, displacement.
-type Lanes = [[f32; LANES]; 10];
+type Lanes = [[f32; BLOCK]; 10];
 
 /// The rays of one tile as they are during an image, level robot frame of the middle of the exposure.
 #[derive(Debug)]
@@ -34,10 +34,10 @@ pub(super) struct MovedRays {
 impl MovedRays {
     /// Buffers for tiles of at most `rays_max` rays.
     pub(super) fn new(rays_max: usize) -> Self {
-        let empty = || vec![0.0; rays_max];
+        let empty = || vec![0.0; rays_max + LANES];
         MovedRays {
             first: 0,
-            lanes: Box::new([[0.0; LANES]; 10]),
+            lanes: Box::new([[0.0; BLOCK]; 10]),
             origin: [0; 3].map(|_| empty()),
             direction: [0; 2].map(|_| empty()),
             slope: empty(),
@@ -56,8 +56,8 @@ impl MovedRays {
     ) {
         self.first = tile.rays.start;
         let rolls = transform.rotation[1].iter().any(|&change| change != 0.0);
-        for start in tile.rays.clone().step_by(LANES) {
-            let run = start..(start + LANES).min(tile.rays.end);
+        for start in tile.rays.clone().step_by(BLOCK) {
+            let run = start..(start + BLOCK).min(tile.rays.end);
             let own = run.start - self.first..run.end - self.first;
             if rolls {
                 move_run::<true>(rays, run, transform, ground, &mut self.lanes);
@@ -70,7 +70,7 @@ impl MovedRays {
 
     /// Copies the moved rays to these places of the tile.
     fn keep_run(&mut self, own: Range<usize>) {
-        let count = own.len().min(LANES);
+        let count = own.len().min(BLOCK);
         let [ox, oy, oz, tx, ty, slope, gx, gy, sx, sy] = &*self.lanes;
         for (values, moved) in self
             .origin
@@ -85,15 +85,19 @@ impl MovedRays {
         }
     }
 
-    /// A run of the tile's rays as slices of one length.
+    /// A run of the tile's rays.
     pub(super) fn run<'a>(&'a self, rays: &'a SortedRays, run: &Range<usize>) -> RayRun<'a> {
+        let count = run.len();
+        let run = padded(run);
         let own = run.start - self.first..run.end - self.first;
+        let lanes = |of: &'a [f32]| of[own.clone()].as_chunks().0;
         RayRun {
-            origin: self.origin.each_ref().map(|of| &of[own.clone()]),
-            direction: self.direction.each_ref().map(|of| &of[own.clone()]),
-            slope: &self.slope[own],
-            azimuth_spacing: &rays.azimuth_spacing[run.clone()],
-            slope_spacing: &rays.slope_spacing[run.clone()],
+            count,
+            origin: self.origin.each_ref().map(|of| lanes(of)),
+            direction: self.direction.each_ref().map(|of| lanes(of)),
+            slope: lanes(&self.slope),
+            azimuth_spacing: rays.azimuth_spacing[run.clone()].as_chunks().0,
+            slope_spacing: rays.slope_spacing[run].as_chunks().0,
         }
     }
 
@@ -110,7 +114,7 @@ impl MovedRays {
     }
 }
 
-/// Moves at most `LANES` rays. `ROLLS`: the rotation differs from row to row.
+/// Moves at most `BLOCK` rays. `ROLLS`: the rotation differs from row to row.
 ///
 /// A function of its own with a buffer as an argument: the compiler knows that results do not overlap the inputs, and
 /// vectorises.
@@ -122,7 +126,7 @@ fn move_run<const ROLLS: bool>(
     ground: [&[f32]; 2],
     out: &mut Lanes,
 ) {
-    let count = run.len().min(LANES);
+    let count = run.len().min(BLOCK);
     let [x0, y0, z0] =
         [&rays.origin_x, &rays.origin_y, &rays.origin_z].map(|of| &of[run.clone()][..count]);
     let [dx, dy] = [&rays.direction_x, &rays.direction_y].map(|of| &of[run.clone()][..count]);

@@ -12,8 +12,16 @@ use super::row_transform::RowTransform;
 
 /// Azimuth bins in a full circle: 0.5° is about a pixel at half the radius of a 480 × 480 image.
 const BINS: usize = 720;
+/// Rays of one vector. Loops over runs go on to a multiple of it, so that none are left for a slow scalar loop.
+pub(super) const LANES: usize = 8;
 /// Rays at which a tile is complete: their data fill half a cache of 512 KiB.
 const TILE_RAYS: usize = 4096;
+/// Rays between entries of the table of overlapping footprints.
+const REACH_STRIDE: usize = 256;
+/// Largest footprint that counts there, in slope, relative to 1 + |slope|.
+const REACH_MAX: f32 = 0.05;
+/// Half width of a bin, radians, and a little more.
+pub(super) const BIN_SPREAD: f32 = 0.51 * TAU / BINS as f32;
 /// Largest slope (height over horizontal distance): steeper rays count as vertical.
 const SLOPE_MAX: f32 = 1e4;
 
@@ -33,7 +41,7 @@ pub(crate) struct SortedRays {
     pub(crate) direction_y: Vec<f32>,
     /// Height per horizontal metre; increases within a bin.
     pub(crate) slope: Vec<f32>,
-    /// Azimuth between neighbouring pixels' rays times the blur, radians.
+    /// Azimuth between neighbouring pixels' rays times the blur, radians; padded by `LANES`, as the next one.
     pub(crate) azimuth_spacing: Vec<f32>,
     /// Slope between neighbouring pixels' rays times the blur.
     pub(crate) slope_spacing: Vec<f32>,
@@ -43,6 +51,9 @@ pub(crate) struct SortedRays {
     pub(super) transform: RowTransform,
     /// Groups of bins with a few thousand rays each.
     pub(super) tiles: Vec<Tile>,
+    /// Horizontal direction of the middle of each bin, unit vectors.
+    bin_directions: Vec<[f32; 2]>,
+    reach: SlopeReach,
     /// Pixels without a ray.
     pub(crate) blank: Vec<u32>,
     /// Largest horizontal distance of an origin from the axis, metres.
@@ -63,6 +74,60 @@ pub(super) struct Tile {
     pub(super) by_pixel: Vec<(u32, u32)>,
 }
 
+/// How far do rays see beyond their slope? Footprints of neighbouring rays overlap.
+#[derive(Debug, Clone, Default)]
+struct SlopeReach {
+    /// Every `REACH_STRIDE`th slope of all rays in increasing order, and the last one.
+    slopes: Vec<f32>,
+    /// Highest slope in the footprint of any ray up to the next entry.
+    up: Vec<f32>,
+    /// Lowest slope in the footprint of any ray from this entry on.
+    down: Vec<f32>,
+}
+
+impl SlopeReach {
+    fn new(slopes: &[f32], spacing: &[f32]) -> Self {
+        // Where two parts of the mirror meet, neighbouring pixels look far apart; these few do not count.
+        let mut sorted: Vec<(f32, f32)> = (slopes.iter().zip(spacing))
+            .map(|(&slope, &spacing)| (slope, spacing.min(REACH_MAX * (1.0 + slope.abs()))))
+            .collect();
+        sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut reach = SlopeReach::default();
+        for rays in sorted.chunks(REACH_STRIDE) {
+            let mut spacings: Vec<f32> = rays.iter().map(|ray| ray.1).collect();
+            let typical = (spacings.len() - 1) * 15 / 16;
+            let (_, spacing, _) = spacings.select_nth_unstable_by(typical, f32::total_cmp);
+            reach.slopes.push(rays[0].0);
+            reach.up.push(rays[rays.len() - 1].0 + *spacing / 2.0);
+            reach.down.push(rays[0].0 - *spacing / 2.0);
+        }
+        let mut highest = f32::NEG_INFINITY;
+        for up in &mut reach.up {
+            highest = highest.max(*up);
+            *up = highest;
+        }
+        let mut lowest = f32::INFINITY;
+        for down in reach.down.iter_mut().rev() {
+            lowest = lowest.min(*down);
+            *down = lowest;
+        }
+        reach.slopes.extend(sorted.last().map(|ray| ray.0));
+        reach
+    }
+
+    /// Distance from a slope to the lowest one whose footprint reaches up to it.
+    fn below(&self, slope: f32) -> f32 {
+        let first = self.up.partition_point(|&up| up < slope);
+        (slope - self.slopes.get(first).copied().unwrap_or(slope)).max(0.0)
+    }
+
+    /// Distance from a slope to the highest one whose footprint reaches down to it.
+    fn above(&self, slope: f32) -> f32 {
+        let end = self.down.partition_point(|&down| down <= slope);
+        (self.slopes.get(end).copied().unwrap_or(f32::INFINITY) - slope).max(0.0)
+    }
+}
+
 /// Rays that may meet an object: bins, counter-clockwise from the first, and the range of slopes in each.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RayRange {
@@ -70,16 +135,80 @@ pub(super) struct RayRange {
     count: usize,
     slope_min: f32,
     slope_max: f32,
+    /// Limits of the level slopes; infinite if all slopes count.
+    level: [f32; 2],
 }
 
-/// A run of rays; every slice has the run's length.
+/// Components of rays, `LANES` at a time.
+pub(super) type Lanes = [f32; LANES];
+
+/// A run of rays up to a multiple of `LANES`. The rays beyond the run are of no meaning.
 #[derive(Clone, Copy)]
 pub(super) struct RayRun<'a> {
-    pub(super) origin: [&'a [f32]; 3],
-    pub(super) direction: [&'a [f32]; 2],
-    pub(super) slope: &'a [f32],
-    pub(super) azimuth_spacing: &'a [f32],
-    pub(super) slope_spacing: &'a [f32],
+    /// Rays of the run itself.
+    pub(super) count: usize,
+    pub(super) origin: [&'a [Lanes]; 3],
+    pub(super) direction: [&'a [Lanes]; 2],
+    pub(super) slope: &'a [Lanes],
+    pub(super) azimuth_spacing: &'a [Lanes],
+    pub(super) slope_spacing: &'a [Lanes],
+}
+
+/// `LANES` rays of a run.
+#[derive(Clone, Copy)]
+pub(super) struct RayLanes<'a> {
+    pub(super) origin: [&'a Lanes; 3],
+    pub(super) direction: [&'a Lanes; 2],
+    pub(super) slope: &'a Lanes,
+    pub(super) azimuth_spacing: &'a Lanes,
+    pub(super) slope_spacing: &'a Lanes,
+}
+
+impl<'a> RayRun<'a> {
+    /// Number of groups of `LANES` rays.
+    pub(super) fn groups(&self) -> usize {
+        self.slope.len()
+    }
+
+    #[inline(always)]
+    pub(super) fn lanes(&self, group: usize) -> RayLanes<'a> {
+        RayLanes {
+            origin: self.origin.map(|of| &of[group]),
+            direction: self.direction.map(|of| &of[group]),
+            slope: &self.slope[group],
+            azimuth_spacing: &self.azimuth_spacing[group],
+            slope_spacing: &self.slope_spacing[group],
+        }
+    }
+
+    /// 1 for each ray of a group that belongs to the run, else 0.
+    #[inline(always)]
+    pub(super) fn mask(&self, group: usize) -> Lanes {
+        lane_mask(self.count, group)
+    }
+}
+
+/// 1 for each of a group's lanes that is among the first `count` ones of a run, else 0.
+#[inline(always)]
+pub(super) fn lane_mask(count: usize, group: usize) -> Lanes {
+    const MASKS: [f32; 2 * LANES] = {
+        let mut masks = [0.0; 2 * LANES];
+        let mut lane = 0;
+        while lane < LANES {
+            masks[lane] = 1.0;
+            lane += 1;
+        }
+        masks
+    };
+    let left = count.saturating_sub(group * LANES).min(LANES);
+    let mut mask = [0.0; LANES];
+    mask.copy_from_slice(&MASKS[LANES - left..2 * LANES - left]);
+    mask
+}
+
+/// A run that goes on to a multiple of `LANES`.
+pub(super) fn padded(run: &Range<usize>) -> Range<usize> {
+    run.start..run.start + run.len().next_multiple_of(LANES)
 }
 
 impl SortedRays {
@@ -125,6 +254,16 @@ impl SortedRays {
             rays.origin_height_min = rays.origin_height_min.min(ray.origin[2]);
             rays.origin_height_max = rays.origin_height_max.max(ray.origin[2]);
         }
+        rays.reach = SlopeReach::new(&rays.slope, &rays.slope_spacing);
+        for spacing in [&mut rays.azimuth_spacing, &mut rays.slope_spacing] {
+            spacing.extend([1.0; LANES]);
+        }
+        rays.bin_directions = (0..BINS)
+            .map(|bin| {
+                let (sin, cos) = ((bin as f32 + 0.5) * TAU / BINS as f32).sin_cos();
+                [cos, sin]
+            })
+            .collect();
         let mut first = 0;
         for bin in 1..=BINS {
             let count = rays.starts[bin] - rays.starts[first];
@@ -158,11 +297,16 @@ impl SortedRays {
         self.tile(0..BINS)
     }
 
-    /// The rays of each bin of a tile.
-    pub(super) fn bins(&self, tile: &Tile) -> impl Iterator<Item = Range<usize>> + '_ {
+    /// The bins of a tile, each with its rays.
+    pub(super) fn bins(&self, tile: &Tile) -> impl Iterator<Item = (usize, Range<usize>)> + '_ {
         tile.bins
             .clone()
-            .map(|bin| self.starts[bin]..self.starts[bin + 1])
+            .map(|bin| (bin, self.starts[bin]..self.starts[bin + 1]))
+    }
+
+    /// Horizontal direction of the middle of a bin, unit vector.
+    pub(super) fn bin_direction(&self, bin: usize) -> [f32; 2] {
+        self.bin_directions[bin]
     }
 
     /// The runs of a tile's rays in a range.
@@ -176,6 +320,7 @@ impl SortedRays {
             count,
             slope_min: low,
             slope_max: high,
+            level,
         } = *range;
         let bins = tile.bins.clone();
         // The range may wrap around from the last bin to bin 0.
@@ -189,6 +334,8 @@ impl SortedRays {
             .map(move |bin| {
                 let start = self.starts[bin];
                 let slopes = &self.slope[start..self.starts[bin + 1]];
+                let low = self.steepest(bin, level[0]).max(low);
+                let high = self.highest(bin, level[1]).min(high);
                 let from = slopes.partition_point(|&slope| slope < low);
                 let more = slopes[from..].partition_point(|&slope| slope <= high);
                 start + from..start + from + more
@@ -229,9 +376,20 @@ impl SortedRays {
         // A tilt by an angle changes azimuths by up to angle·slope and slopes by up to angle·(1 + slope²).
         let half = (half + angle_max * (1.0 + low.abs().max(high.abs()))).min(PI);
         let margin = |slope: f32| 0.02 + 0.02 * slope.abs() + angle_max * (1.0 + slope * slope);
+        // The same limits without the tilt, which is known for each bin, and with the footprints' real size.
+        let lifted = angle_max * (self.origin_radius_max + angle_max * self.origin_height_max);
+        let (down, up) = (down - lifted, up + lifted);
+        let level_low = if down < 0.0 { down / near } else { down / far };
+        let level_high = if up < 0.0 { up / far } else { up / near };
+        let spare = 1e-4 / near;
+        let level = [
+            level_low - self.reach_below(level_low) - spare,
+            level_high + self.reach_above(level_high) + spare,
+        ];
         RayRange {
             slope_min: low - 1.2 * margin(low),
             slope_max: high + 1.2 * margin(high),
+            level,
             ..self.range_of_sector(middle - half, middle + half)
         }
     }
@@ -246,7 +404,37 @@ impl SortedRays {
             count: count.min(BINS),
             slope_min: f32::NEG_INFINITY,
             slope_max: f32::INFINITY,
+            level: [f32::NEG_INFINITY, f32::INFINITY],
         }
+    }
+
+    /// The least slope as mounted of the rays of a bin that may be at or above a level slope.
+    pub(super) fn steepest(&self, bin: usize, level: f32) -> f32 {
+        let mounted = self.transform.mounted_slope(level, self.bin_directions[bin]);
+        mounted.map_or(f32::NEG_INFINITY, |slope| {
+            slope - self.transform.slope_margin(slope, BIN_SPREAD)
+        })
+    }
+
+    /// The largest slope as mounted of the rays of a bin that may be at or below a level slope.
+    fn highest(&self, bin: usize, level: f32) -> f32 {
+        let mounted = self.transform.mounted_slope(level, self.bin_directions[bin]);
+        mounted.map_or(f32::INFINITY, |slope| {
+            slope + self.transform.slope_margin(slope, BIN_SPREAD)
+        })
+    }
+
+    /// How far below a level slope a ray's footprint may still reach it, at any tilt of the current image.
+    pub(super) fn reach_below(&self, level: f32) -> f32 {
+        let tilted = 1.2 * self.transform.angle_max * (1.0 + level * level);
+        let [low, high] = [level - tilted, level + tilted].map(|slope| self.reach.below(slope));
+        low.max(high)
+    }
+
+    fn reach_above(&self, level: f32) -> f32 {
+        let tilted = 1.2 * self.transform.angle_max * (1.0 + level * level);
+        let [low, high] = [level - tilted, level + tilted].map(|slope| self.reach.above(slope));
+        low.max(high)
     }
 }
 
