@@ -195,7 +195,7 @@ impl Renderer {
         } = self;
         for (index, tile) in rays.tiles.iter().enumerate() {
             light_buffer.set_tile(tile);
-            moved.set_tile(rays, tile, &rays.transform, [&ground.x, &ground.y]);
+            moved.set_tile(rays, tile, &rays.transform);
             ground.shade(scene.pose, index, tile, moved, scratch, light_buffer);
             self.environment
                 .shade(scene.pose, rays, tile, moved, light_buffer);
@@ -205,10 +205,7 @@ impl Renderer {
             for (pixel, ((red, green), blue)) in self.tile_light.iter_mut().zip(planes) {
                 *pixel = [tones(*red), tones(*green), tones(*blue), 0];
             }
-            // In the order of the image, so that writes are sequential; one write a pixel, since they miss the cache.
-            for &(pixel, ray) in &tile.by_pixel {
-                self.sharp[pixel as usize] = self.tile_light[ray as usize];
-            }
+            tile.write(&self.tile_light, &mut self.sharp);
         }
     }
 }

@@ -25,7 +25,7 @@ pub(super) const BIN_SPREAD: f32 = 0.51 * TAU / BINS as f32;
 /// Largest slope (height over horizontal distance): steeper rays count as vertical.
 const SLOPE_MAX: f32 = 1e4;
 
-/// Rays in bin order, one array per component, robot frame. Points on a ray are `origin + s·(direction, slope)` for a
+/// Rays in bin order, one array per component (padded by `LANES`), robot frame. Points on a ray are `origin + s·(direction, slope)` for a
 /// horizontal distance s, metres.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SortedRays {
@@ -41,7 +41,7 @@ pub(crate) struct SortedRays {
     pub(crate) direction_y: Vec<f32>,
     /// Height per horizontal metre; increases within a bin.
     pub(crate) slope: Vec<f32>,
-    /// Azimuth between neighbouring pixels' rays times the blur, radians; padded by `LANES`, as the next one.
+    /// Azimuth between neighbouring pixels' rays times the blur, radians.
     pub(crate) azimuth_spacing: Vec<f32>,
     /// Slope between neighbouring pixels' rays times the blur.
     pub(crate) slope_spacing: Vec<f32>,
@@ -70,8 +70,10 @@ pub(super) struct Tile {
     bins: Range<usize>,
     /// The rays of those bins.
     pub(super) rays: Range<usize>,
-    /// Pixels in the order of the image, each with its ray's index in the tile.
-    pub(super) by_pixel: Vec<(u32, u32)>,
+    /// First pixel of each run of neighbouring pixels in the order of the image, and their number.
+    spans: Vec<(u32, u32)>,
+    /// Ray of each pixel of these runs, by its index in the tile.
+    by_pixel: Vec<u32>,
 }
 
 /// How far do rays see beyond their slope? Footprints of neighbouring rays overlap.
@@ -211,6 +213,20 @@ pub(super) fn padded(run: &Range<usize>) -> Range<usize> {
     run.start..run.start + run.len().next_multiple_of(LANES)
 }
 
+impl Tile {
+    /// Writes the values of the tile's rays to their pixels. Sequential writes, one a pixel, since they miss the cache.
+    pub(super) fn write<T: Copy>(&self, by_ray: &[T], image: &mut [T]) {
+        let mut rays = &self.by_pixel[..];
+        for &(first, count) in &self.spans {
+            let (own, others) = rays.split_at(count as usize);
+            rays = others;
+            for (pixel, ray) in image[first as usize..].iter_mut().zip(own) {
+                *pixel = by_ray[*ray as usize];
+            }
+        }
+    }
+}
+
 impl SortedRays {
     /// Sorts a table of rays; the blur of the optics (pixels, by the pixel's index) widens every ray.
     pub(crate) fn new(table: &RayTable, blur_px: impl Fn(usize) -> f32) -> Self {
@@ -255,9 +271,6 @@ impl SortedRays {
             rays.origin_height_max = rays.origin_height_max.max(ray.origin[2]);
         }
         rays.reach = SlopeReach::new(&rays.slope, &rays.slope_spacing);
-        for spacing in [&mut rays.azimuth_spacing, &mut rays.slope_spacing] {
-            spacing.extend([1.0; LANES]);
-        }
         rays.bin_directions = (0..BINS)
             .map(|bin| {
                 let (sin, cos) = ((bin as f32 + 0.5) * TAU / BINS as f32).sin_cos();
@@ -272,6 +285,19 @@ impl SortedRays {
                 first = bin;
             }
         }
+        for component in [
+            &mut rays.origin_x,
+            &mut rays.origin_y,
+            &mut rays.origin_z,
+            &mut rays.direction_x,
+            &mut rays.direction_y,
+            &mut rays.slope,
+            &mut rays.azimuth_spacing,
+            &mut rays.slope_spacing,
+            &mut rays.row,
+        ] {
+            component.extend([1.0; LANES]);
+        }
         rays
     }
 
@@ -285,10 +311,15 @@ impl SortedRays {
         let mut by_pixel: Vec<(u32, u32)> =
             self.pixel[rays.clone()].iter().copied().zip(0..).collect();
         by_pixel.sort_unstable();
+        let spans = by_pixel
+            .chunk_by(|before, after| before.0 + 1 == after.0)
+            .map(|run| (run[0].0, run.len() as u32))
+            .collect();
         Tile {
             bins,
             rays,
-            by_pixel,
+            spans,
+            by_pixel: by_pixel.into_iter().map(|(_, ray)| ray).collect(),
         }
     }
 
