@@ -45,11 +45,7 @@ const PLANK: [f32; 2] = [0.4, 2.4];
 
 /// The floor under all rays of a table.
 pub(super) struct Ground {
-    /// Ground point of each ray of the upright robot (padded by `LANES`), robot frame; at `RANGE_MAX` if it does not meet
-    /// the ground.
-    x: Vec<f32>,
-    y: Vec<f32>,
-    /// Inverse of each footprint's side, 1/m.
+    /// Inverse of each footprint's side, 1/m; padded by `LANES`.
     sharpness: Vec<f32>,
     taps: Taps,
     markings: MarkingTextures,
@@ -81,6 +77,7 @@ struct TapRun {
     /// Weight of each lookup, over `FULL_MARKING`.
     weight: f32,
     bounds: OrientedBox,
+    samples: ShiftSamples,
 }
 
 /// A box, robot frame: centre, unit vector along its first side, and half side lengths.
@@ -138,23 +135,41 @@ impl OrientedBox {
     }
 }
 
-/// Middle and half range of the displacements of some of a run's rays from their ground points at rest; the others lie
-/// between them, or little outside.
-fn shift_range(rays: &[u32], moved: [&[f32]; 2], rest: [&[f32]; 2]) -> ([f32; 2], [f32; 2]) {
-    let last = rays.len() - 1;
-    let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);
-    for sample in 0..SHIFT_SAMPLES {
-        let ray = rays[sample * last / (SHIFT_SAMPLES - 1)] as usize;
-        for k in 0..2 {
-            let shift = moved[k][ray] - rest[k][ray];
-            least[k] = least[k].min(shift);
-            most[k] = most[k].max(shift);
-        }
+/// Some of a run's rays, by their index in the tile, and their ground points at rest. They lie together in memory, since
+/// every run is asked in each image.
+#[derive(Default)]
+struct ShiftSamples {
+    rays: [u32; SHIFT_SAMPLES],
+    rest: [[f32; 2]; SHIFT_SAMPLES],
+}
+
+impl ShiftSamples {
+    /// Samples of the lookups of a run; `rest_x`, `rest_y`: ground points of the tile's rays.
+    fn new(rays: &[u32], [rest_x, rest_y]: [&[f32]; 2]) -> Self {
+        let last = rays.len() - 1;
+        let rays: [u32; SHIFT_SAMPLES] =
+            std::array::from_fn(|sample| rays[sample * last / (SHIFT_SAMPLES - 1)]);
+        let rest = rays.map(|ray| [rest_x[ray as usize], rest_y[ray as usize]]);
+        ShiftSamples { rays, rest }
     }
-    (
-        [0, 1].map(|k| (least[k] + most[k]) / 2.0),
-        [0, 1].map(|k| 0.75 * (most[k] - least[k]) + 0.01),
-    )
+
+    /// Middle and half range of the displacements of these rays; those of the run's other rays lie between them, or little
+    /// outside.
+    fn range(&self, [moved_x, moved_y]: [&[f32]; 2]) -> ([f32; 2], [f32; 2]) {
+        let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);
+        for (ray, rest) in self.rays.iter().zip(&self.rest) {
+            let at = [moved_x[*ray as usize], moved_y[*ray as usize]];
+            for k in 0..2 {
+                let shift = at[k] - rest[k];
+                least[k] = least[k].min(shift);
+                most[k] = most[k].max(shift);
+            }
+        }
+        (
+            [0, 1].map(|k| (least[k] + most[k]) / 2.0),
+            [0, 1].map(|k| 0.75 * (most[k] - least[k]) + 0.01),
+        )
+    }
 }
 
 /// Short and long side of a footprint, metres, and the direction of the long one, robot frame.
@@ -210,7 +225,8 @@ impl Ground {
                 byte(light.spot_light_at(x, y).1)
             })
         });
-        let (mut x, mut y): (Vec<f32>, Vec<f32>) = (0..count)
+        // Ground point of each ray of the upright robot; at `RANGE_MAX` if it does not meet the ground.
+        let (x, y): (Vec<f32>, Vec<f32>) = (0..count)
             .map(|ray| {
                 let distance = distance_to_ground(rays, ray).min(RANGE_MAX);
                 let (dx, dy) = (
@@ -227,14 +243,10 @@ impl Ground {
             .iter()
             .map(|footprint| 1.0 / footprint.tap_layout().1)
             .collect();
-        for component in [&mut x, &mut y, &mut sharpness] {
-            component.extend([1.0; LANES]);
-        }
+        sharpness.extend([1.0; LANES]);
         Ground {
             taps,
             sharpness,
-            x,
-            y,
             markings: paint,
             light: lit,
             gloss,
@@ -258,19 +270,18 @@ impl Ground {
         white.clear();
         white.resize(tile.rays.len().next_multiple_of(LANES), 0.0);
         let ground = moved.ground(&tile.rays);
-        let rest = [&self.x, &self.y].map(|of| &of[tile.rays.clone()]);
         for run in &self.taps.tiles[index] {
             let taps = run.start..run.start + run.count;
-            let rays = &self.taps.ray[taps.clone()];
             // Skips bare carpet, which is most of a field.
             let texture = &self.markings.levels[run.level];
-            let displaced = shift_range(rays, ground, rest);
+            let displaced = run.samples.range(ground);
             if !run
                 .bounds
                 .overlaps_markings(texture, pose, sin_cos, displaced)
             {
                 continue;
             }
+            let rays = &self.taps.ray[taps.clone()];
             let offsets = [&self.taps.x[taps.clone()], &self.taps.y[taps]];
             scratch.transform_taps(pose, sin_cos, offsets, rays, ground);
             scratch.sample_texture(texture);
@@ -390,6 +401,9 @@ impl Taps {
                 }
             }
             for run in &mut runs {
+                let rest = [x, y].map(|of| &of[tile.rays.clone()]);
+                let rays = &taps.ray[run.start..run.start + run.count];
+                run.samples = ShiftSamples::new(rays, rest);
                 let within = run.start - first..run.start + run.count - first;
                 run.bounds = OrientedBox::enclosing(&at_x[within.clone()], &at_y[within]);
             }
@@ -411,6 +425,7 @@ fn append_tap(runs: &mut Vec<TapRun>, next: usize, level: usize, weight: f32) {
             level,
             weight,
             bounds: OrientedBox::default(),
+            samples: ShiftSamples::default(),
         }),
     }
 }

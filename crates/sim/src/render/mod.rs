@@ -71,6 +71,12 @@ pub struct RendererConfig<'a> {
 /// Linear light outside the mirror, where the camera's hood is.
 const HOOD: [f32; 3] = [0.0005, 0.0010, 0.0035];
 
+/// A pixel that shows the hood.
+fn hood() -> LightPixel {
+    let [red, green, blue] = HOOD.map(tones);
+    [red, green, blue, 0]
+}
+
 /// Renders images of one camera on one field.
 pub struct Renderer {
     width_px: usize,
@@ -124,7 +130,6 @@ impl Renderer {
         let tile_sizes = rays.tiles.iter().map(|tile| tile.rays.len());
         let rays_max = tile_sizes.max().unwrap_or(0);
         // Nothing else writes the pixels outside the mirror.
-        let [red, green, blue] = HOOD.map(tones);
         Ok(Renderer {
             width_px,
             height_px,
@@ -136,7 +141,7 @@ impl Renderer {
             moved: MovedRays::new(rays_max),
             scratch: Scratch::new(),
             tile_light: vec![[0; 4]; rays_max],
-            sharp: vec![[red, green, blue, 0]; width_px * height_px],
+            sharp: vec![hood(); width_px * height_px],
             blurred: Vec::new(),
             development: Development::new(width_px, height_px, &mut rng),
             rays,
@@ -160,8 +165,8 @@ impl Renderer {
             .apply(&scene.motion, &self.sharp, &mut self.blurred);
         let image = if smeared {
             // The rim moves with the camera: nothing smears over it.
-            for &pixel in &self.rays.blank {
-                self.blurred[pixel as usize] = self.sharp[pixel as usize];
+            for run in &self.rays.blank {
+                self.blurred[run.clone()].fill(hood());
             }
             &mut self.blurred
         } else {
@@ -380,12 +385,11 @@ fn extract_colours<const EVEN: usize, const ODD: usize>(
 fn draw_occlusion(&Sector { centre, width }: &Sector, rays: &SortedRays, image: &mut [LightPixel]) {
     let inside = (width / 2.0).min(std::f32::consts::PI).cos();
     let (sin, cos) = centre.sin_cos();
-    let [red, green, blue] = HOOD.map(tones);
     let range = rays.range_of_sector(centre - width / 2.0, centre + width / 2.0);
     for tile in &rays.tiles {
         for ray in rays.runs_in(&range, tile).flatten() {
             if cos * rays.direction_x[ray] + sin * rays.direction_y[ray] >= inside {
-                image[rays.pixel[ray] as usize] = [red, green, blue, 0];
+                image[rays.pixel[ray] as usize] = hood();
             }
         }
     }

@@ -54,8 +54,8 @@ pub(crate) struct SortedRays {
     /// Horizontal direction of the middle of each bin, unit vectors.
     bin_directions: Vec<[f32; 2]>,
     reach: SlopeReach,
-    /// Pixels without a ray.
-    pub(crate) blank: Vec<u32>,
+    /// Runs of neighbouring pixels without a ray.
+    pub(super) blank: Vec<Range<usize>>,
     /// Largest horizontal distance of an origin from the axis, metres.
     pub(super) origin_radius_max: f32,
     /// Largest distance between a ray's line and the axis, metres: 0 for an upright mirror.
@@ -235,7 +235,10 @@ impl SortedRays {
         for (pixel, ray) in table.rays.iter().enumerate() {
             match ray {
                 Some(ray) => keyed.push((bin_of(azimuth(ray)), slope(ray), pixel as u32)),
-                None => rays.blank.push(pixel as u32),
+                None => match rays.blank.last_mut() {
+                    Some(run) if run.end == pixel => run.end += 1,
+                    _ => rays.blank.push(pixel..pixel + 1),
+                },
             }
         }
         keyed.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
