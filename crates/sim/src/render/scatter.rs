@@ -23,6 +23,8 @@ pub(super) struct Scatter {
     coarse: Vec<[f32; 4]>,
     /// Veiling glare of one row of values at the coarse image's columns.
     coarse_row: Vec<[f32; 4]>,
+    /// Where each column of values lies in that row.
+    places: Vec<(usize, usize, f32)>,
     /// Interpolated values of one image row, with one more at each end.
     row: Vec<[f32; 4]>,
 }
@@ -88,6 +90,9 @@ impl Scatter {
         let columns = self.columns.div_ceil(GLARE_CELL);
         let last = self.coarse.len() / columns.max(1) - 1;
         let (bloom, glare) = (image_sensor.bloom, image_sensor.glare);
+        self.places.clear();
+        self.places
+            .extend((0..self.columns).map(|column| place_between(column, columns - 1)));
         let row_of = |row: usize| row * columns..(row + 1) * columns;
         for (row, values) in self.values.chunks_mut(self.columns).enumerate() {
             let (above, below, down) = place_between(row, last);
@@ -98,8 +103,7 @@ impl Scatter {
                     glare * down.mul_add(below[k] - above[k], above[k])
                 })
             }));
-            for (column, value) in values.iter_mut().enumerate() {
-                let (left, right, across) = place_between(column, columns - 1);
+            for (value, &(left, right, across)) in values.iter_mut().zip(&self.places) {
                 let (left, right) = (self.coarse_row[left], self.coarse_row[right]);
                 for k in 0..4 {
                     let veil = across.mul_add(right[k] - left[k], left[k]);

@@ -433,7 +433,10 @@ fn blend_lanes(light: &mut Lanes, part: &Lanes, colour: f32) {
 fn net_coverage(at: f32, mesh: f32, cord: f32, width: f32) -> f32 {
     let meshes = at / mesh;
     let off = (meshes - meshes.round_ties_even()).abs() * mesh;
-    let fine = ((cord / 2.0 + width / 2.0 - off) / width).clamp(0.0, (cord / width).min(1.0));
+    // Not `clamp`: its check of the limits keeps the compiler from vectorising.
+    let fine = ((cord / 2.0 + width / 2.0 - off) / width)
+        .max(0.0)
+        .min((cord / width).min(1.0));
     if width >= mesh { cord / mesh } else { fine }
 }
 
