@@ -8,9 +8,10 @@ use localize::frames::Pose;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use super::lanes::{LANES, RayLanes};
 use super::light_buffer::LightBuffer;
 use super::moving_rays::MovedRays;
-use super::rays::{BIN_SPREAD, LANES, RayLanes, SortedRays, Tile};
+use super::rays::{BIN_SPREAD, SortedRays, Tile};
 use super::row_transform::RowTransform;
 use super::solids::{Outline, Solid, edge_coverage};
 use crate::environment::EnvironmentConfig;

@@ -6,14 +6,15 @@ use localize::field::Field;
 use localize::frames::Pose;
 
 use super::cables::Cable;
+use super::draw_list::linear;
+use super::lanes::{LANES, Lanes};
 use super::light_buffer::LightBuffer;
 use super::markings::{
     FOOTPRINT_MIN, FULL_MARKING, MarkingTextures, NO_MARKING, Texture, index_of,
 };
 use super::moving_rays::{MovedRays, RANGE_MAX};
-use super::rays::{LANES, Lanes, SortedRays, Tile};
+use super::rays::{SortedRays, Tile};
 use crate::environment::EnvironmentConfig;
-use super::draw_list::linear;
 use crate::image_sensor::RUN_PIXELS;
 use crate::light::LightConfig;
 
@@ -471,13 +472,7 @@ impl Scratch {
     }
 
     /// Transforms points of the robot frame to the field frame.
-    fn transform_to_field(
-        &mut self,
-        pose: Pose,
-        (sin, cos): (f32, f32),
-        x: &[f32],
-        y: &[f32],
-    ) {
+    fn transform_to_field(&mut self, pose: Pose, (sin, cos): (f32, f32), x: &[f32], y: &[f32]) {
         self.count = x.len().min(y.len()).min(RUN_PIXELS);
         let count = self.count;
         let (x, y) = (&x[..count], &y[..count]);

@@ -1,6 +1,7 @@
 //! Where is light accumulated during rendering? In a buffer for one tile of rays, which fits into the cache.
 
-use super::rays::{LANES, Lanes, Tile, padded};
+use super::lanes::{LANES, Lanes, padded};
+use super::rays::Tile;
 
 /// Linear light of one tile's rays, one plane per colour.
 pub(super) struct LightBuffer {

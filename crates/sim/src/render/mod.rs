@@ -4,6 +4,7 @@ mod cables;
 mod draw_list;
 mod environment;
 mod ground;
+mod lanes;
 mod light_buffer;
 mod markings;
 mod motion_blur;
@@ -13,6 +14,7 @@ mod rays;
 mod row_transform;
 mod scatter;
 mod scene;
+mod slope_reach;
 mod solids;
 
 use localize::field::Field;

@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use super::rays::{LANES, Lanes, RayRun, SortedRays, Tile, padded};
+use super::lanes::{LANES, Lanes, RayRun, padded};
+use super::rays::{SortedRays, Tile};
 use super::row_transform::RowTransform;
 
 /// Largest distance of a ground point, metres: beyond any hall.
@@ -35,12 +36,7 @@ impl MovedRays {
     }
 
     /// Moves the rays of a tile.
-    pub(super) fn set_tile(
-        &mut self,
-        rays: &SortedRays,
-        tile: &Tile,
-        transform: &RowTransform,
-    ) {
+    pub(super) fn set_tile(&mut self, rays: &SortedRays, tile: &Tile, transform: &RowTransform) {
         self.first = tile.rays.start;
         if transform.rotation[1].iter().any(|&change| change != 0.0) {
             self.move_tile::<true>(rays, tile, transform);
@@ -158,13 +154,7 @@ fn move_lanes<const ROLLS: bool>(
     };
     for i in 0..LANES {
         let t = rows[i];
-        let r: [f32; 9] = std::array::from_fn(|k| {
-            if ROLLS {
-                t.mul_add(n[k], m[k])
-            } else {
-                m[k]
-            }
-        });
+        let r: [f32; 9] = std::array::from_fn(|k| if ROLLS { t.mul_add(n[k], m[k]) } else { m[k] });
         let rotate = |x: f32, y: f32, z: f32| {
             [0, 3, 6].map(|k| r[k].mul_add(x, r[k + 1].mul_add(y, r[k + 2] * z)))
         };

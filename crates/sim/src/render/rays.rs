@@ -8,18 +8,14 @@ use std::ops::Range;
 
 use vision::{Ray, RayTable};
 
+use super::lanes::LANES;
 use super::row_transform::RowTransform;
+use super::slope_reach::SlopeReach;
 
 /// Azimuth bins in a full circle: 0.5° is about a pixel at half the radius of a 480 × 480 image.
 const BINS: usize = 720;
-/// Rays of one vector. Loops over runs go on to a multiple of it, so that none are left for a slow scalar loop.
-pub(super) const LANES: usize = 8;
 /// Rays at which a tile is complete: their data fill half a cache of 512 KiB.
 const TILE_RAYS: usize = 4096;
-/// Rays between entries of the table of overlapping footprints.
-const REACH_STRIDE: usize = 256;
-/// Largest footprint that counts there, in slope, relative to 1 + |slope|.
-const REACH_MAX: f32 = 0.05;
 /// Half width of a bin, radians, and a little more.
 pub(super) const BIN_SPREAD: f32 = 0.51 * TAU / BINS as f32;
 /// Largest slope (height over horizontal distance): steeper rays count as vertical.
@@ -76,60 +72,6 @@ pub(super) struct Tile {
     by_pixel: Vec<u32>,
 }
 
-/// How far do rays see beyond their slope? Footprints of neighbouring rays overlap.
-#[derive(Debug, Clone, Default)]
-struct SlopeReach {
-    /// Every `REACH_STRIDE`th slope of all rays in increasing order, and the last one.
-    slopes: Vec<f32>,
-    /// Highest slope in the footprint of any ray up to the next entry.
-    up: Vec<f32>,
-    /// Lowest slope in the footprint of any ray from this entry on.
-    down: Vec<f32>,
-}
-
-impl SlopeReach {
-    fn new(slopes: &[f32], spacing: &[f32]) -> Self {
-        // Where two parts of the mirror meet, neighbouring pixels look far apart; these few do not count.
-        let mut sorted: Vec<(f32, f32)> = (slopes.iter().zip(spacing))
-            .map(|(&slope, &spacing)| (slope, spacing.min(REACH_MAX * (1.0 + slope.abs()))))
-            .collect();
-        sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let mut reach = SlopeReach::default();
-        for rays in sorted.chunks(REACH_STRIDE) {
-            let mut spacings: Vec<f32> = rays.iter().map(|ray| ray.1).collect();
-            let typical = (spacings.len() - 1) * 15 / 16;
-            let (_, spacing, _) = spacings.select_nth_unstable_by(typical, f32::total_cmp);
-            reach.slopes.push(rays[0].0);
-            reach.up.push(rays[rays.len() - 1].0 + *spacing / 2.0);
-            reach.down.push(rays[0].0 - *spacing / 2.0);
-        }
-        let mut highest = f32::NEG_INFINITY;
-        for up in &mut reach.up {
-            highest = highest.max(*up);
-            *up = highest;
-        }
-        let mut lowest = f32::INFINITY;
-        for down in reach.down.iter_mut().rev() {
-            lowest = lowest.min(*down);
-            *down = lowest;
-        }
-        reach.slopes.extend(sorted.last().map(|ray| ray.0));
-        reach
-    }
-
-    /// Distance from a slope to the lowest one whose footprint reaches up to it.
-    fn below(&self, slope: f32) -> f32 {
-        let first = self.up.partition_point(|&up| up < slope);
-        (slope - self.slopes.get(first).copied().unwrap_or(slope)).max(0.0)
-    }
-
-    /// Distance from a slope to the highest one whose footprint reaches down to it.
-    fn above(&self, slope: f32) -> f32 {
-        let end = self.down.partition_point(|&down| down <= slope);
-        (self.slopes.get(end).copied().unwrap_or(f32::INFINITY) - slope).max(0.0)
-    }
-}
-
 /// Rays that may meet an object: bins, counter-clockwise from the first, and the range of slopes in each.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RayRange {
@@ -139,78 +81,6 @@ pub(super) struct RayRange {
     slope_max: f32,
     /// Limits of the level slopes; infinite if all slopes count.
     level: [f32; 2],
-}
-
-/// Components of rays, `LANES` at a time.
-pub(super) type Lanes = [f32; LANES];
-
-/// A run of rays up to a multiple of `LANES`. The rays beyond the run are of no meaning.
-#[derive(Clone, Copy)]
-pub(super) struct RayRun<'a> {
-    /// Rays of the run itself.
-    pub(super) count: usize,
-    pub(super) origin: [&'a [Lanes]; 3],
-    pub(super) direction: [&'a [Lanes]; 2],
-    pub(super) slope: &'a [Lanes],
-    pub(super) azimuth_spacing: &'a [Lanes],
-    pub(super) slope_spacing: &'a [Lanes],
-}
-
-/// `LANES` rays of a run.
-#[derive(Clone, Copy)]
-pub(super) struct RayLanes<'a> {
-    pub(super) origin: [&'a Lanes; 3],
-    pub(super) direction: [&'a Lanes; 2],
-    pub(super) slope: &'a Lanes,
-    pub(super) azimuth_spacing: &'a Lanes,
-    pub(super) slope_spacing: &'a Lanes,
-}
-
-impl<'a> RayRun<'a> {
-    /// Number of groups of `LANES` rays.
-    pub(super) fn groups(&self) -> usize {
-        self.slope.len()
-    }
-
-    #[inline(always)]
-    pub(super) fn lanes(&self, group: usize) -> RayLanes<'a> {
-        RayLanes {
-            origin: self.origin.map(|of| &of[group]),
-            direction: self.direction.map(|of| &of[group]),
-            slope: &self.slope[group],
-            azimuth_spacing: &self.azimuth_spacing[group],
-            slope_spacing: &self.slope_spacing[group],
-        }
-    }
-
-    /// 1 for each ray of a group that belongs to the run, else 0.
-    #[inline(always)]
-    pub(super) fn mask(&self, group: usize) -> Lanes {
-        lane_mask(self.count, group)
-    }
-}
-
-/// 1 for each of a group's lanes that is among the first `count` ones of a run, else 0.
-#[inline(always)]
-pub(super) fn lane_mask(count: usize, group: usize) -> Lanes {
-    const MASKS: [f32; 2 * LANES] = {
-        let mut masks = [0.0; 2 * LANES];
-        let mut lane = 0;
-        while lane < LANES {
-            masks[lane] = 1.0;
-            lane += 1;
-        }
-        masks
-    };
-    let left = count.saturating_sub(group * LANES).min(LANES);
-    let mut mask = [0.0; LANES];
-    mask.copy_from_slice(&MASKS[LANES - left..2 * LANES - left]);
-    mask
-}
-
-/// A run that goes on to a multiple of `LANES`.
-pub(super) fn padded(run: &Range<usize>) -> Range<usize> {
-    run.start..run.start + run.len().next_multiple_of(LANES)
 }
 
 impl Tile {
@@ -444,7 +314,9 @@ impl SortedRays {
 
     /// The least slope as mounted of the rays of a bin that may be at or above a level slope.
     pub(super) fn steepest(&self, bin: usize, level: f32) -> f32 {
-        let mounted = self.transform.mounted_slope(level, self.bin_directions[bin]);
+        let mounted = self
+            .transform
+            .mounted_slope(level, self.bin_directions[bin]);
         mounted.map_or(f32::NEG_INFINITY, |slope| {
             slope - self.transform.slope_margin(slope, BIN_SPREAD)
         })
@@ -452,7 +324,9 @@ impl SortedRays {
 
     /// The largest slope as mounted of the rays of a bin that may be at or below a level slope.
     fn highest(&self, bin: usize, level: f32) -> f32 {
-        let mounted = self.transform.mounted_slope(level, self.bin_directions[bin]);
+        let mounted = self
+            .transform
+            .mounted_slope(level, self.bin_directions[bin]);
         mounted.map_or(f32::INFINITY, |slope| {
             slope + self.transform.slope_margin(slope, BIN_SPREAD)
         })
@@ -510,3 +384,6 @@ fn pixel_spacing(table: &RayTable, pixel: usize, ray: &Ray) -> (f32, f32) {
     }
     (turn2.sqrt().clamp(1e-4, 1.0), rise2.sqrt().max(1e-5))
 }
+
+#[cfg(test)]
+mod tests;

@@ -97,12 +97,13 @@ impl Scatter {
         for (row, values) in self.values.chunks_mut(self.columns).enumerate() {
             let (above, below, down) = place_between(row, last);
             self.coarse_row.clear();
-            let rows = self.coarse[row_of(above)].iter().zip(&self.coarse[row_of(below)]);
-            self.coarse_row.extend(rows.map(|(above, below)| -> [f32; 4] {
-                std::array::from_fn(|k| {
-                    glare * down.mul_add(below[k] - above[k], above[k])
-                })
-            }));
+            let rows = self.coarse[row_of(above)]
+                .iter()
+                .zip(&self.coarse[row_of(below)]);
+            self.coarse_row
+                .extend(rows.map(|(above, below)| -> [f32; 4] {
+                    std::array::from_fn(|k| glare * down.mul_add(below[k] - above[k], above[k]))
+                }));
             for (value, &(left, right, across)) in values.iter_mut().zip(&self.places) {
                 let (left, right) = (self.coarse_row[left], self.coarse_row[right]);
                 for k in 0..4 {

@@ -1,8 +1,9 @@
 //! How are objects drawn? Cylinders, boxes, spheres and panels with antialiased edges, over what is behind them.
 
+use super::lanes::{LANES, Lanes, RayLanes, lane_mask, padded};
 use super::light_buffer::LightBuffer;
 use super::moving_rays::MovedRays;
-use super::rays::{LANES, Lanes, RayLanes, RayRange, SortedRays, Tile, lane_mask, padded};
+use super::rays::{RayRange, SortedRays, Tile};
 
 /// An upright prism, robot frame.
 #[derive(Debug, Clone, Copy)]
@@ -236,10 +237,7 @@ fn chord_of_circle(radius: f32, light_direction: LightDirection, ray: RayOffset)
         width,
         ..
     } = ray;
-    let half = (-across)
-        .mul_add(across, radius * radius)
-        .max(0.0)
-        .sqrt();
+    let half = (-across).mul_add(across, radius * radius).max(0.0).sqrt();
     let ahead = if along + half > 0.0 { 1.0 } else { 0.0 };
     // Scaled normal at the entry of the ray.
     let (nx, ny) = (-half * tx - across * ty, -half * ty + across * tx);
@@ -270,10 +268,7 @@ fn chord_of_box(
         ..
     } = ray;
     // Ray and centre in the box's axes; avoids division by zero for a ray parallel to a side.
-    let (px, py) = (
-        cos.mul_add(dx, sin * dy),
-        cos.mul_add(dy, -sin * dx),
-    );
+    let (px, py) = (cos.mul_add(dx, sin * dy), cos.mul_add(dy, -sin * dx));
     let slanted = |rate: f32| if rate.abs() < 1e-6 { 1e-6 } else { rate };
     let (rx, ry) = (
         slanted(cos.mul_add(tx, sin * ty)),
