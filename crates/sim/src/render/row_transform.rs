@@ -24,10 +24,10 @@ pub(super) struct RowTransform {
     pub(super) rotation: [[f32; 9]; 2],
     /// Translation over the whole image, metres.
     pub(super) shift: [f32; 2],
-    /// Largest rotation of a row, and largest rotation of a row against the middle one, radians; largest translation of an
+    /// Largest rotation of a row, and largest change of its tilt against the middle one, radians; largest translation of an
     /// origin, metres: margins for lookups.
     pub(super) angle_max: f32,
-    pub(super) turn_max: f32,
+    pub(super) rocks_max: f32,
     pub(super) shift_max: f32,
 }
 
@@ -57,7 +57,7 @@ impl RowTransform {
             ],
             shift,
             angle_max: tilt_max + half * motion.yaw_rate.abs(),
-            turn_max: rocks + half * motion.yaw_rate.abs(),
+            rocks_max: rocks,
             shift_max: 0.5 * shift[0].hypot(shift[1]) + tilt_max * height,
         }
     }
@@ -75,7 +75,8 @@ impl RowTransform {
 
     /// Error of `mounted_slope` for rays whose azimuth differs from the direction's by at most `spread` radians, in any row.
     pub(super) fn slope_margin(&self, slope: f32, spread: f32) -> f32 {
-        let angle = self.angle_max * (spread + self.angle_max) + self.turn_max;
+        // Yaw alone changes no slope.
+        let angle = self.angle_max * (spread + self.angle_max) + self.rocks_max;
         (1.0 + slope * slope) * (1.2 * angle + 1e-5)
     }
 }

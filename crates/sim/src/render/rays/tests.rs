@@ -47,10 +47,10 @@ fn draw(rays: &SortedRays, solid: &Solid, range: &RayRange) -> Vec<f32> {
 #[test]
 fn object_reaches_no_ray_outside_its_range_when_the_robot_tilts_and_rocks() {
     let mut rays = default_rays();
-    for (tilt, tilt_rate, readout) in [
-        ([0.0, 0.0], [0.0, 0.0], 0.0),
-        ([0.03, -0.02], [0.0, 0.0], 0.0),
-        ([-0.01, 0.02], [0.3, -0.4], 0.015),
+    for (tilt, tilt_rate, readout, waste_max) in [
+        ([0.0, 0.0], [0.0, 0.0], 0.0, 1.3),
+        ([0.03, -0.02], [0.0, 0.0], 0.0, 2.5),
+        ([-0.01, 0.02], [1.5, -2.0], 0.015, 5.0),
     ] {
         rays.transform = RowTransform::new(
             &CameraMotion {
@@ -101,7 +101,8 @@ fn object_reaches_no_ray_outside_its_range_when_the_robot_tilts_and_rocks() {
             }
             asked += (rays.runs_in(&range, &rays.single_tile()).flatten()).count();
         }
-        // The range is not much larger than the object: half as large again, and the tilt within an image.
-        assert!(drawn > 1000 && asked < 4 * drawn, "{asked} for {drawn}");
+        // The range is not much larger than the object.
+        let waste = asked as f32 / drawn as f32;
+        assert!(drawn > 1000 && waste < waste_max, "{waste}");
     }
 }
