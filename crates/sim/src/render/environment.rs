@@ -8,13 +8,14 @@ use localize::frames::Pose;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use super::lanes::{LANES, RayLanes};
 use super::light_buffer::LightBuffer;
 use super::moving_rays::MovedRays;
-use super::rays::{SortedRays, Tile};
+use super::rays::{BIN_SPREAD, SortedRays, Tile};
 use super::row_transform::RowTransform;
 use super::solids::{Outline, Solid, edge_coverage};
 use crate::environment::EnvironmentConfig;
-use crate::image_sensor::{RUN_PIXELS, linear_from_srgb, srgb_from_linear};
+use crate::image_sensor::{linear_from_srgb, srgb_from_linear};
 
 /// Distance between carpet and walls, metres.
 const MARGIN: f32 = 3.0;
@@ -40,12 +41,10 @@ pub(super) struct Environment {
     half: [f32; 2],
     /// sRGB colours, and 1 where there is a window: columns along the walls from the corner (+x, −y) counter-clockwise, rows upwards.
     wall_texture: Vec<[u8; 4]>,
+    /// Their linear light, the last value unused.
+    wall_light: Vec<[f32; 4]>,
     columns: usize,
     rows: usize,
-    /// Brightness of walls and of windows.
-    brightness: [f32; 2],
-    /// Linear values of sRGB bytes.
-    linear_from_srgb: [f32; 256],
     /// Half extent of a field's own walls, and half the width of the goals' mouths in them.
     field_walls: Option<([f32; 2], f32)>,
     /// Objects between carpet and walls, field frame.
@@ -61,10 +60,9 @@ impl Environment {
         let mut environment = Environment {
             half,
             wall_texture: Vec::new(),
+            wall_light: Vec::new(),
             columns,
             rows,
-            brightness: [1.0, config.window_light],
-            linear_from_srgb: std::array::from_fn(|byte| linear_from_srgb(byte as u8)),
             field_walls: field.config.walls.then_some((
                 [field.config.length / 2.0, field.config.width / 2.0],
                 field.config.goal.width / 2.0,
@@ -73,6 +71,7 @@ impl Environment {
         };
         environment.paint_walls(rng);
         environment.paint_windows(config.windows);
+        environment.light_walls([1.0, config.window_light]);
         environment
     }
 
@@ -120,6 +119,18 @@ impl Environment {
         }
     }
 
+    /// Computes the light of the texture; `brightness`: of walls and of windows.
+    fn light_walls(&mut self, brightness: [f32; 2]) {
+        let linear: [f32; 256] = std::array::from_fn(|byte| linear_from_srgb(byte as u8));
+        let light = |&[red, green, blue, window]: &[u8; 4]| {
+            let bright = brightness[usize::from(window & 1)];
+            let [red, green, blue] =
+                [red, green, blue].map(|byte| bright * linear[usize::from(byte)]);
+            [red, green, blue, 0.0]
+        };
+        self.wall_light = self.wall_texture.iter().map(light).collect();
+    }
+
     /// Draws the walls on every ray that meets them above the floor; branch-free for vectorisation.
     pub(super) fn shade(
         &self,
@@ -136,25 +147,40 @@ impl Environment {
             (self.columns - 1) as f32,
             (self.rows - 1) as f32,
         );
-        let (mut cell, mut covered) = ([0u32; RUN_PIXELS], [0f32; RUN_PIXELS]);
-        let mut colours = [[0f32; RUN_PIXELS]; 3];
-        for bin in rays.bins(tile) {
-            let first = first_ray_above_floor(pose, rays, &bin, self.half);
-            for run in runs(first..bin.end) {
-                let (ray, count) = (moved.run(rays, &run), run.len().min(RUN_PIXELS));
-                for i in 0..count {
-                    let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
-                    let (from_x, from_y) =
-                        (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
-                    let (tx, ty) = (ray.direction[0][i], ray.direction[1][i]);
-                    let (to_x, to_y) = (cos * tx - sin * ty, sin * tx + cos * ty);
+        for (number, bin) in rays.bins(tile) {
+            let first = first_ray_above_floor(pose, rays, (number, &bin), self.half);
+            let run = first..bin.end;
+            let ray = moved.run(rays, &run);
+            let mut light = light_buffer.lanes(&run);
+            for group in 0..ray.groups() {
+                let RayLanes {
+                    origin,
+                    direction,
+                    slope,
+                    slope_spacing,
+                    ..
+                } = ray.lanes(group);
+                let mask = ray.mask(group);
+                let (mut cell, mut covered) = ([0u32; LANES], [0.0; LANES]);
+                for i in 0..LANES {
+                    let (ox, oy) = (origin[0][i], origin[1][i]);
+                    let (from_x, from_y) = (
+                        cos.mul_add(ox, (-sin).mul_add(oy, pose.x)),
+                        sin.mul_add(ox, cos.mul_add(oy, pose.y)),
+                    );
+                    let (tx, ty) = (direction[0][i], direction[1][i]);
+                    let (to_x, to_y) = (cos.mul_add(tx, -sin * ty), sin.mul_add(tx, cos * ty));
                     let distance_x = distance_to_wall(hx, from_x, to_x);
                     let distance_y = distance_to_wall(hy, from_y, to_y);
                     let distance = distance_x.min(distance_y).max(1e-3);
-                    let z = ray.origin[2][i] + ray.slope[i] * distance;
-                    covered[i] = edge_coverage(z, distance * ray.slope_spacing[i] + 1e-3);
+                    let z = slope[i].mul_add(distance, origin[2][i]);
+                    covered[i] =
+                        mask[i] * edge_coverage(z, distance.mul_add(slope_spacing[i], 1e-3));
                     // Along the walls, counter-clockwise from the corner (+x, −y).
-                    let (x, y) = (from_x + distance * to_x, from_y + distance * to_y);
+                    let (x, y) = (
+                        distance.mul_add(to_x, from_x),
+                        distance.mul_add(to_y, from_y),
+                    );
                     let side = if to_x > 0.0 {
                         y + hy
                     } else {
@@ -170,16 +196,17 @@ impl Environment {
                     let row = (z * per_cell).clamp(0.0, most_row);
                     cell[i] = floor_to_u32(row) * self.columns as u32 + floor_to_u32(column);
                 }
-                for i in 0..count {
-                    let [red, green, blue, window] = self.wall_texture[cell[i] as usize];
-                    let bright = self.brightness[usize::from(window & 1)];
-                    colours[0][i] = bright * self.linear_from_srgb[usize::from(red)];
-                    colours[1][i] = bright * self.linear_from_srgb[usize::from(green)];
-                    colours[2][i] = bright * self.linear_from_srgb[usize::from(blue)];
+                let mut colours = [[0f32; LANES]; 3];
+                for i in 0..LANES {
+                    let colour = self.wall_light[cell[i] as usize];
+                    for k in 0..3 {
+                        colours[k][i] = colour[k];
+                    }
                 }
-                for (plane, colours) in light_buffer.planes(&run).into_iter().zip(&colours) {
-                    for ((out, colour), covered) in plane.iter_mut().zip(colours).zip(&covered) {
-                        *out += covered * (colour - *out);
+                for (plane, colours) in light.iter_mut().zip(&colours) {
+                    let light = &mut plane[group];
+                    for i in 0..LANES {
+                        light[i] = covered[i].mul_add(colours[i] - light[i], light[i]);
                     }
                 }
             }
@@ -200,14 +227,18 @@ fn draw_field_walls(
 ) {
     let (sin, cos) = pose.theta.sin_cos();
     let white = FIELD_WALL_RGB.map(linear_from_srgb);
-    for bin in rays.bins(tile) {
-        let run = first_ray_above_floor(pose, rays, &bin, [hx, hy])..bin.end;
-        let ray = moved.run(rays, &run);
+    for (number, bin) in rays.bins(tile) {
+        let run = first_ray_above_floor(pose, rays, (number, &bin), [hx, hy])..bin.end;
+        let moved = moved.run(rays, &run);
+        let origin = moved.origin.map(|of| of.as_flattened());
+        let direction = moved.direction.map(|of| of.as_flattened());
+        let slope = moved.slope.as_flattened();
+        let slope_spacing = moved.slope_spacing.as_flattened();
         let [red, green, blue] = light_buffer.planes(&run);
-        for i in 0..ray.slope.len() {
-            let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
+        for i in 0..run.len() {
+            let (ox, oy) = (origin[0][i], origin[1][i]);
             let (from_x, from_y) = (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
-            let (tx, ty) = (ray.direction[0][i], ray.direction[1][i]);
+            let (tx, ty) = (direction[0][i], direction[1][i]);
             let (to_x, to_y) = (cos * tx - sin * ty, sin * tx + cos * ty);
             let (distance_x, distance_y) = (
                 distance_to_wall(hx, from_x, to_x),
@@ -219,8 +250,8 @@ fn draw_field_walls(
             } else {
                 1.0
             };
-            let z = ray.origin[2][i] + ray.slope[i] * distance;
-            let width = distance * ray.slope_spacing[i] + 1e-3;
+            let z = origin[2][i] + slope[i] * distance;
+            let width = distance * slope_spacing[i] + 1e-3;
             let covered = closed * edge_coverage(z, width) * edge_coverage(FIELD_WALL - z, width);
             // The walls along y get slightly less light.
             let facing = if distance_x < distance_y { 1.0 } else { 0.9 };
@@ -229,13 +260,6 @@ fn draw_field_walls(
             blue[i] += covered * (white[2] * facing - blue[i]);
         }
     }
-}
-
-/// Splits a run into pieces of at most `RUN_PIXELS`.
-fn runs(run: Range<usize>) -> impl Iterator<Item = Range<usize>> {
-    let end = run.end;
-    run.step_by(RUN_PIXELS)
-        .map(move |start| start..(start + RUN_PIXELS).min(end))
 }
 
 /// The integer part of a number from 0 to 4 million, without the checks of a cast.
@@ -259,30 +283,32 @@ fn distance_to_wall(half: f32, from: f32, rate: f32) -> f32 {
 fn first_ray_above_floor(
     pose: Pose,
     rays: &SortedRays,
-    bin: &Range<usize>,
+    (number, bin): (usize, &Range<usize>),
     half: [f32; 2],
 ) -> usize {
     let (sin, cos) = pose.theta.sin_cos();
-    let nearest = [bin.start, bin.end.saturating_sub(1)]
-        .map(|ray| {
-            let (Some(tx), Some(ty)) = (rays.direction_x.get(ray), rays.direction_y.get(ray))
-            else {
-                return f32::MAX;
-            };
-            let distance_x = distance_to_wall(half[0], pose.x, cos * tx - sin * ty);
-            distance_x.min(distance_to_wall(half[1], pose.y, sin * tx + cos * ty))
-        })
-        .into_iter()
-        .fold(f32::MAX, f32::min);
-    // Margin for the width of a bin (0.5°), origins off the axis, and the motion during the image.
     let RowTransform {
         angle_max,
         shift_max,
         ..
     } = rays.transform;
-    let near = nearest * (0.97 - 2.0 * angle_max) - 2.0 * rays.origin_radius_max - shift_max;
-    let level = -rays.origin_height_max / near.max(0.05);
-    let steepest = level - 1.2 * angle_max * (1.0 + level * level);
+    let [tx, ty] = rays.bin_direction(number);
+    let (tx, ty) = (cos * tx - sin * ty, sin * tx + cos * ty);
+    // Tilt turns the azimuth of a ray that meets a wall, which is nearly level, by less than its angle.
+    let spread = BIN_SPREAD + angle_max;
+    let nearest = [-spread, spread]
+        .map(|turn| {
+            let (tx, ty) = (tx - turn * ty, ty + turn * tx);
+            let distance_x = distance_to_wall(half[0], pose.x, tx);
+            distance_x.min(distance_to_wall(half[1], pose.y, ty))
+        })
+        .into_iter()
+        .fold(f32::MAX, f32::min);
+    // Margin for origins off the axis and the motion during the image.
+    let near = (0.998 * nearest - 2.0 * rays.origin_radius_max - shift_max).max(0.05);
+    let lifted = angle_max * (rays.origin_radius_max + angle_max * rays.origin_height_max);
+    let level = -(rays.origin_height_max + lifted) / near;
+    let steepest = rays.steepest(number, level - rays.reach_below(level) - 1e-3 / near);
     bin.start + rays.slope[bin.clone()].partition_point(|&slope| slope < steepest)
 }
 

@@ -6,6 +6,8 @@ use localize::field::Field;
 use localize::frames::Pose;
 
 use super::cables::Cable;
+use super::draw_list::linear;
+use super::lanes::{LANES, Lanes};
 use super::light_buffer::LightBuffer;
 use super::markings::{
     FOOTPRINT_MIN, FULL_MARKING, MarkingTextures, NO_MARKING, Texture, index_of,
@@ -13,7 +15,7 @@ use super::markings::{
 use super::moving_rays::{MovedRays, RANGE_MAX};
 use super::rays::{SortedRays, Tile};
 use crate::environment::EnvironmentConfig;
-use crate::image_sensor::{RUN_PIXELS, linear_from_srgb};
+use crate::image_sensor::RUN_PIXELS;
 use crate::light::LightConfig;
 
 /// Most lookups along a stretched footprint.
@@ -26,10 +28,8 @@ const LIGHT_MARGIN: f32 = 4.0;
 const LIGHT_CELL: f32 = 0.2;
 /// Light is looked up for every fourth ray and interpolated in between: neighbours in a bin are a pixel apart.
 const LIGHT_STRIDE: usize = 4;
-/// Most of these rays in a run, with the one beyond the last.
-const STRIDED_MAX: usize = RUN_PIXELS / LIGHT_STRIDE + 1;
-/// Of a run's lookups every eighth is asked for its displacement.
-const SHIFT_STRIDE: usize = 8;
+/// Lookups of a run that are asked for their displacement.
+const SHIFT_SAMPLES: usize = 8;
 /// Light of byte 255.
 const LIGHT_MAX: f32 = 2.5;
 /// Width of a strip of carpet, metres, and contrast between strips.
@@ -46,10 +46,7 @@ const PLANK: [f32; 2] = [0.4, 2.4];
 
 /// The floor under all rays of a table.
 pub(super) struct Ground {
-    /// Ground point of each ray of the upright robot, robot frame; at `RANGE_MAX` if it does not meet the ground.
-    pub(super) x: Vec<f32>,
-    pub(super) y: Vec<f32>,
-    /// Inverse of each footprint's side, 1/m.
+    /// Inverse of each footprint's side, 1/m; padded by `LANES`.
     sharpness: Vec<f32>,
     taps: Taps,
     markings: MarkingTextures,
@@ -64,7 +61,7 @@ pub(super) struct Ground {
 /// distance, so that a run of lookups reads a small part of one texture.
 #[derive(Default)]
 struct Taps {
-    /// Position, robot frame.
+    /// Position from the ray's ground point, robot frame.
     x: Vec<f32>,
     y: Vec<f32>,
     /// Index of the ray in its tile.
@@ -81,6 +78,7 @@ struct TapRun {
     /// Weight of each lookup, over `FULL_MARKING`.
     weight: f32,
     bounds: OrientedBox,
+    samples: ShiftSamples,
 }
 
 /// A box, robot frame: centre, unit vector along its first side, and half side lengths.
@@ -138,26 +136,41 @@ impl OrientedBox {
     }
 }
 
-/// Middle and half range of the displacements of some of a run's rays; the others lie between them, or little outside.
-fn shift_range(rays: &[u32], [shift_x, shift_y]: [&[f32]; 2]) -> ([f32; 2], [f32; 2]) {
-    let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);
-    let mut extend = |ray: u32| {
-        let at = [shift_x[ray as usize], shift_y[ray as usize]];
-        for k in 0..2 {
-            least[k] = least[k].min(at[k]);
-            most[k] = most[k].max(at[k]);
-        }
-    };
-    let mut number = 0;
-    while number < rays.len() {
-        extend(rays[number]);
-        number += SHIFT_STRIDE;
+/// Some of a run's rays, by their index in the tile, and their ground points at rest. They lie together in memory, since
+/// every run is asked in each image.
+#[derive(Default)]
+struct ShiftSamples {
+    rays: [u32; SHIFT_SAMPLES],
+    rest: [[f32; 2]; SHIFT_SAMPLES],
+}
+
+impl ShiftSamples {
+    /// Samples of the lookups of a run; `rest_x`, `rest_y`: ground points of the tile's rays.
+    fn new(rays: &[u32], [rest_x, rest_y]: [&[f32]; 2]) -> Self {
+        let last = rays.len() - 1;
+        let rays: [u32; SHIFT_SAMPLES] =
+            std::array::from_fn(|sample| rays[sample * last / (SHIFT_SAMPLES - 1)]);
+        let rest = rays.map(|ray| [rest_x[ray as usize], rest_y[ray as usize]]);
+        ShiftSamples { rays, rest }
     }
-    extend(rays[rays.len() - 1]);
-    (
-        [0, 1].map(|k| (least[k] + most[k]) / 2.0),
-        [0, 1].map(|k| 0.75 * (most[k] - least[k]) + 0.01),
-    )
+
+    /// Middle and half range of the displacements of these rays; those of the run's other rays lie between them, or little
+    /// outside.
+    fn range(&self, [moved_x, moved_y]: [&[f32]; 2]) -> ([f32; 2], [f32; 2]) {
+        let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);
+        for (ray, rest) in self.rays.iter().zip(&self.rest) {
+            let at = [moved_x[*ray as usize], moved_y[*ray as usize]];
+            for k in 0..2 {
+                let shift = at[k] - rest[k];
+                least[k] = least[k].min(shift);
+                most[k] = most[k].max(shift);
+            }
+        }
+        (
+            [0, 1].map(|k| (least[k] + most[k]) / 2.0),
+            [0, 1].map(|k| 0.75 * (most[k] - least[k]) + 0.01),
+        )
+    }
 }
 
 /// Short and long side of a footprint, metres, and the direction of the long one, robot frame.
@@ -213,6 +226,7 @@ impl Ground {
                 byte(light.spot_light_at(x, y).1)
             })
         });
+        // Ground point of each ray of the upright robot; at `RANGE_MAX` if it does not meet the ground.
         let (x, y): (Vec<f32>, Vec<f32>) = (0..count)
             .map(|ray| {
                 let distance = distance_to_ground(rays, ray).min(RANGE_MAX);
@@ -226,14 +240,14 @@ impl Ground {
         // No paint is farther from the robot than the carpet's diagonal.
         let range_max = 2.0 * half_x.hypot(half_y);
         let taps = Taps::new(rays, &footprints, &paint, &x, &y, range_max);
+        let mut sharpness: Vec<f32> = footprints
+            .iter()
+            .map(|footprint| 1.0 / footprint.tap_layout().1)
+            .collect();
+        sharpness.extend([1.0; LANES]);
         Ground {
             taps,
-            sharpness: footprints
-                .iter()
-                .map(|footprint| 1.0 / footprint.tap_layout().1)
-                .collect(),
-            x,
-            y,
+            sharpness,
             markings: paint,
             light: lit,
             gloss,
@@ -255,59 +269,53 @@ impl Ground {
         let sin_cos = pose.theta.sin_cos();
         let mut white = std::mem::take(&mut scratch.marking_coverage);
         white.clear();
-        white.resize(tile.rays.len(), 0.0);
-        let shift = moved.shift();
+        white.resize(tile.rays.len().next_multiple_of(LANES), 0.0);
+        let ground = moved.ground(&tile.rays);
         for run in &self.taps.tiles[index] {
             let taps = run.start..run.start + run.count;
-            let rays = &self.taps.ray[taps.clone()];
             // Skips bare carpet, which is most of a field.
             let texture = &self.markings.levels[run.level];
-            let displaced = shift_range(rays, shift);
+            let displaced = run.samples.range(ground);
             if !run
                 .bounds
                 .overlaps_markings(texture, pose, sin_cos, displaced)
             {
                 continue;
             }
-            scratch.transform_displaced(
-                pose,
-                sin_cos,
-                [&self.taps.x[taps.clone()], &self.taps.y[taps]],
-                rays,
-                shift,
-            );
+            let rays = &self.taps.ray[taps.clone()];
+            let offsets = [&self.taps.x[taps.clone()], &self.taps.y[taps]];
+            scratch.transform_taps(pose, sin_cos, offsets, rays, ground);
             scratch.sample_texture(texture);
+            let bare = -run.weight * f32::from(NO_MARKING);
             for (ray, value) in rays.iter().zip(&scratch.values) {
-                white[*ray as usize] += run.weight * (value - f32::from(NO_MARKING));
+                let white = &mut white[*ray as usize];
+                *white += run.weight.mul_add(*value, bare);
             }
         }
-        for (start, white) in tile
-            .rays
-            .clone()
-            .step_by(RUN_PIXELS)
-            .zip(white.chunks(RUN_PIXELS))
-        {
+        let mut start = tile.rays.start;
+        for white in white.chunks(RUN_PIXELS) {
             let run = start..start + white.len();
-            let ground = moved.ground(&run);
-            self.compose(pose, sin_cos, (run, ground), white, scratch, light_buffer);
+            start = run.end;
+            self.compose(pose, sin_cos, moved, (run, white), scratch, light_buffer);
         }
         scratch.marking_coverage = white;
     }
 
-    /// Composes floor, carpet and paint under the light.
+    /// Composes floor, carpet and paint under the light, on a multiple of `LANES` rays.
     fn compose(
         &self,
         pose: Pose,
         sin_cos: (f32, f32),
-        (rays, [ground_x, ground_y]): (Range<usize>, [&[f32]; 2]),
-        white: &[f32],
+        moved: &MovedRays,
+        (rays, white): (Range<usize>, &[f32]),
         scratch: &mut Scratch,
         light_buffer: &mut LightBuffer,
     ) {
-        let count = rays.len().min(RUN_PIXELS);
-        let (mut lit, mut gloss, mut inside) =
-            ([0.0; RUN_PIXELS], [0.0; RUN_PIXELS], [0.0; RUN_PIXELS]);
-        scratch.transform_strided(pose, sin_cos, ground_x, ground_y);
+        let (mut lit, mut gloss) = ([0.0; RUN_PIXELS], [0.0; RUN_PIXELS]);
+        let [ground_x, ground_y] = moved.ground(&rays);
+        scratch.transform_to_field(pose, sin_cos, ground_x, ground_y);
+        let (x, y) = (scratch.x, scratch.y);
+        scratch.keep_strided();
         scratch.sample_texture(&self.light);
         interpolate_strided(&scratch.values, &mut lit);
         if let Some(texture) = &self.gloss {
@@ -315,33 +323,34 @@ impl Ground {
             interpolate_strided(&scratch.values, &mut gloss);
         }
         let (half_x, half_y) = self.carpet_half;
-        let Scratch { x, y, .. } = scratch.transform_to_field(pose, sin_cos, ground_x, ground_y);
-        let sharpness = &self.sharpness[rays.clone()][..count];
-        for i in 0..count {
-            let inside_x = ((half_x - x[i].abs()) * sharpness[i] + 0.5).clamp(0.0, 1.0);
-            let inside_y = ((half_y - y[i].abs()) * sharpness[i] + 0.5).clamp(0.0, 1.0);
-            inside[i] = inside_x * inside_y;
-        }
-        let white = &white[..count];
-        for (plane, ((carpet, paint), floor)) in light_buffer
-            .planes(&rays)
-            .into_iter()
-            .zip(CARPET.into_iter().zip(MARKING_RGB).zip(self.floor_rgb))
+        let [carpet, paint, floor] = [CARPET, MARKING_RGB, self.floor_rgb].map(linear);
+        let sharpness = self.sharpness[rays.clone()].as_chunks::<LANES>().0;
+        let white = white.as_chunks::<LANES>().0;
+        let [x, y, lit, gloss] = [&x, &y, &lit, &gloss].map(|of| of.as_chunks::<LANES>().0);
+        let [red, green, blue] = light_buffer.lanes(&rays);
+        let light = red.iter_mut().zip(green).zip(blue);
+        let places = x.iter().zip(y).zip(lit.iter().zip(gloss));
+        let floors = places.zip(white.iter().zip(sharpness));
+        for (((red, green), blue), (((x, y), (lit, gloss)), (white, sharpness))) in
+            light.zip(floors)
         {
-            let (carpet, paint, floor) = (
-                linear_from_srgb(carpet),
-                linear_from_srgb(paint),
-                linear_from_srgb(floor),
-            );
-            let cable = CABLE_LIGHT;
-            let out = &mut plane[..count];
-            for i in 0..count {
+            let mut floor_light: [Lanes; 3] = [[0.0; LANES]; 3];
+            for i in 0..LANES {
+                let inside_x = (half_x - x[i].abs()).mul_add(sharpness[i], 0.5);
+                let inside_y = (half_y - y[i].abs()).mul_add(sharpness[i], 0.5);
+                let inside = inside_x.clamp(0.0, 1.0) * inside_y.clamp(0.0, 1.0);
                 // Negative coverage is a cable's.
-                let painted = white[i].max(0.0) * (paint - carpet);
-                let on_carpet = carpet + painted + white[i].min(0.0) * (carpet - cable);
-                let albedo = floor + inside[i] * (on_carpet - floor);
-                out[i] = (LIGHT_MAX / 255.0) * (lit[i] * albedo + gloss[i]);
+                let (painted, covered) = (white[i].max(0.0), white[i].min(0.0));
+                let bright = (LIGHT_MAX / 255.0) * lit[i];
+                let shine = (LIGHT_MAX / 255.0) * gloss[i];
+                for k in 0..3 {
+                    let (carpet, paint, floor) = (carpet[k], paint[k], floor[k]);
+                    let cable = covered.mul_add(carpet - CABLE_LIGHT, carpet - floor);
+                    let on_carpet = painted.mul_add(paint - carpet, cable);
+                    floor_light[k][i] = bright.mul_add(inside.mul_add(on_carpet, floor), shine);
+                }
             }
+            [*red, *green, *blue] = floor_light;
         }
     }
 }
@@ -370,6 +379,7 @@ impl Taps {
                 .collect();
             sorted.sort_unstable();
             let mut runs: Vec<TapRun> = Vec::new();
+            let (first, mut at_x, mut at_y) = (taps.x.len(), Vec::new(), Vec::new());
             for (level, count, _, ray) in sorted {
                 let Footprint {
                     long,
@@ -384,14 +394,19 @@ impl Taps {
                         level,
                         1.0 / (FULL_MARKING * count as f32),
                     );
-                    taps.x.push(x[ray] + along * towards.0);
-                    taps.y.push(y[ray] + along * towards.1);
+                    taps.x.push(along * towards.0);
+                    taps.y.push(along * towards.1);
+                    at_x.push(x[ray] + along * towards.0);
+                    at_y.push(y[ray] + along * towards.1);
                     taps.ray.push((ray - tile.rays.start) as u32);
                 }
             }
             for run in &mut runs {
-                let within = run.start..run.start + run.count;
-                run.bounds = OrientedBox::enclosing(&taps.x[within.clone()], &taps.y[within]);
+                let rest = [x, y].map(|of| &of[tile.rays.clone()]);
+                let rays = &taps.ray[run.start..run.start + run.count];
+                run.samples = ShiftSamples::new(rays, rest);
+                let within = run.start - first..run.start + run.count - first;
+                run.bounds = OrientedBox::enclosing(&at_x[within.clone()], &at_y[within]);
             }
             taps.tiles.push(runs);
         }
@@ -411,6 +426,7 @@ fn append_tap(runs: &mut Vec<TapRun>, next: usize, level: usize, weight: f32) {
             level,
             weight,
             bounds: OrientedBox::default(),
+            samples: ShiftSamples::default(),
         }),
     }
 }
@@ -435,7 +451,7 @@ fn interpolate_strided(few: &[f32; RUN_PIXELS], all: &mut [f32; RUN_PIXELS]) {
     for (group, pair) in all.chunks_exact_mut(LIGHT_STRIDE).zip(few.windows(2)) {
         for (step, value) in group.iter_mut().enumerate() {
             let part = step as f32 / LIGHT_STRIDE as f32;
-            *value = pair[0] + part * (pair[1] - pair[0]);
+            *value = part.mul_add(pair[1] - pair[0], pair[0]);
         }
     }
 }
@@ -456,59 +472,53 @@ impl Scratch {
     }
 
     /// Transforms points of the robot frame to the field frame.
-    fn transform_to_field(
-        &mut self,
-        pose: Pose,
-        (sin, cos): (f32, f32),
-        x: &[f32],
-        y: &[f32],
-    ) -> &mut Self {
+    fn transform_to_field(&mut self, pose: Pose, (sin, cos): (f32, f32), x: &[f32], y: &[f32]) {
         self.count = x.len().min(y.len()).min(RUN_PIXELS);
         let count = self.count;
         let (x, y) = (&x[..count], &y[..count]);
         let (out_x, out_y) = (&mut self.x[..count], &mut self.y[..count]);
         for i in 0..count {
-            out_x[i] = pose.x + cos * x[i] - sin * y[i];
-            out_y[i] = pose.y + sin * x[i] + cos * y[i];
+            out_x[i] = cos.mul_add(x[i], (-sin).mul_add(y[i], pose.x));
+            out_y[i] = sin.mul_add(x[i], cos.mul_add(y[i], pose.y));
         }
-        self
     }
 
-    /// As `transform_to_field`, for points that are displaced as their rays' ground points.
-    fn transform_displaced(
+    /// As `transform_to_field`, for points given from their rays' ground points.
+    fn transform_taps(
         &mut self,
         pose: Pose,
         (sin, cos): (f32, f32),
         [x, y]: [&[f32]; 2],
         rays: &[u32],
-        [shift_x, shift_y]: [&[f32]; 2],
+        [ground_x, ground_y]: [&[f32]; 2],
     ) {
         self.count = rays.len().min(RUN_PIXELS);
         let count = self.count;
         let (x, y, rays) = (&x[..count], &y[..count], &rays[..count]);
+        let ground_y = &ground_y[..ground_x.len()];
         let (out_x, out_y) = (&mut self.x[..count], &mut self.y[..count]);
         // Lookups first, so that the arithmetic vectorises.
         for i in 0..count {
             let ray = rays[i] as usize;
-            (out_x[i], out_y[i]) = (shift_x[ray], shift_y[ray]);
+            (out_x[i], out_y[i]) = (ground_x[ray], ground_y[ray]);
         }
         for i in 0..count {
             let (x, y) = (x[i] + out_x[i], y[i] + out_y[i]);
-            out_x[i] = pose.x + cos * x - sin * y;
-            out_y[i] = pose.y + sin * x + cos * y;
+            out_x[i] = cos.mul_add(x, (-sin).mul_add(y, pose.x));
+            out_y[i] = sin.mul_add(x, cos.mul_add(y, pose.y));
         }
     }
 
-    /// As `transform_to_field`, for every `LIGHT_STRIDE`th point and one beyond the last.
-    fn transform_strided(&mut self, pose: Pose, sin_cos: (f32, f32), x: &[f32], y: &[f32]) {
-        let last = x.len().min(y.len()).min(RUN_PIXELS) - 1;
+    /// Keeps every `LIGHT_STRIDE`th point, and the last one.
+    fn keep_strided(&mut self) {
+        let last = self.count - 1;
         let count = last / LIGHT_STRIDE + 2;
-        let (mut few_x, mut few_y) = ([0.0; STRIDED_MAX], [0.0; STRIDED_MAX]);
-        for number in 0..count.min(STRIDED_MAX) {
-            let ray = (number * LIGHT_STRIDE).min(last);
-            (few_x[number], few_y[number]) = (x[ray], y[ray]);
+        for number in 0..count - 1 {
+            let point = number * LIGHT_STRIDE;
+            (self.x[number], self.y[number]) = (self.x[point], self.y[point]);
         }
-        self.transform_to_field(pose, sin_cos, &few_x[..count], &few_y[..count]);
+        (self.x[count - 1], self.y[count - 1]) = (self.x[last], self.y[last]);
+        self.count = count;
     }
 
     /// Bilinear values at the points; the texture's border extends outside.
@@ -519,10 +529,11 @@ impl Scratch {
         let count = self.count.min(RUN_PIXELS);
         let (most_x, most_y) = ((texture.columns - 1) as f32, (texture.rows - 1) as f32);
         let blocks = texture.blocks();
-        let (per_metre, left, bottom) = (texture.per_metre, texture.left, texture.bottom);
+        let per_metre = texture.per_metre;
+        let (left, bottom) = (-texture.left * per_metre, -texture.bottom * per_metre);
         for i in 0..count {
-            let across = ((self.x[i] - left) * per_metre).clamp(0.0, most_x);
-            let up = ((self.y[i] - bottom) * per_metre).clamp(0.0, most_y);
+            let across = self.x[i].mul_add(per_metre, left).clamp(0.0, most_x);
+            let up = self.y[i].mul_add(per_metre, bottom).clamp(0.0, most_y);
             let (column, row) = (across - 0.5 + ROUND, up - 0.5 + ROUND);
             self.fraction_x[i] = across - (column - ROUND);
             self.fraction_y[i] = up - (row - ROUND);
@@ -536,9 +547,9 @@ impl Scratch {
         let parts = self.fraction_x.iter().zip(&self.fraction_y).zip(&self.cell);
         for (out, ((part_x, part_y), cell)) in out[..count].iter_mut().zip(parts) {
             let corner = |shift: u32| ((cell >> shift) & 255) as i32 as f32;
-            let low = corner(0) + part_x * (corner(8) - corner(0));
-            let high = corner(16) + part_x * (corner(24) - corner(16));
-            *out = low + part_y * (high - low);
+            let low = part_x.mul_add(corner(8) - corner(0), corner(0));
+            let high = part_x.mul_add(corner(24) - corner(16), corner(16));
+            *out = part_y.mul_add(high - low, low);
         }
     }
 }

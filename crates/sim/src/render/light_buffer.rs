@@ -1,5 +1,6 @@
 //! Where is light accumulated during rendering? In a buffer for one tile of rays, which fits into the cache.
 
+use super::lanes::{LANES, Lanes, padded};
 use super::rays::Tile;
 
 /// Linear light of one tile's rays, one plane per colour.
@@ -13,7 +14,7 @@ impl LightBuffer {
     pub(super) fn new(rays_max: usize) -> Self {
         LightBuffer {
             first: 0,
-            planes: [0; 3].map(|_| vec![0.0; rays_max]),
+            planes: [0; 3].map(|_| vec![0.0; rays_max + LANES]),
         }
     }
 
@@ -28,6 +29,12 @@ impl LightBuffer {
         self.planes
             .each_mut()
             .map(|plane| &mut plane[run.start - first..run.end - first])
+    }
+
+    /// The three planes of a run of rays, which goes on to a multiple of `LANES`.
+    pub(super) fn lanes(&mut self, run: &std::ops::Range<usize>) -> [&mut [Lanes]; 3] {
+        self.planes(&padded(run))
+            .map(|plane| plane.as_chunks_mut().0)
     }
 
     /// Blends a colour into one ray's light with weight `part`.

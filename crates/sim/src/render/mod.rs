@@ -4,6 +4,7 @@ mod cables;
 mod draw_list;
 mod environment;
 mod ground;
+mod lanes;
 mod light_buffer;
 mod markings;
 mod motion_blur;
@@ -13,6 +14,7 @@ mod rays;
 mod row_transform;
 mod scatter;
 mod scene;
+mod slope_reach;
 mod solids;
 
 use localize::field::Field;
@@ -71,6 +73,12 @@ pub struct RendererConfig<'a> {
 /// Linear light outside the mirror, where the camera's hood is.
 const HOOD: [f32; 3] = [0.0005, 0.0010, 0.0035];
 
+/// A pixel that shows the hood.
+fn hood() -> LightPixel {
+    let [red, green, blue] = HOOD.map(tones);
+    [red, green, blue, 0]
+}
+
 /// Renders images of one camera on one field.
 pub struct Renderer {
     width_px: usize,
@@ -124,7 +132,6 @@ impl Renderer {
         let tile_sizes = rays.tiles.iter().map(|tile| tile.rays.len());
         let rays_max = tile_sizes.max().unwrap_or(0);
         // Nothing else writes the pixels outside the mirror.
-        let [red, green, blue] = HOOD.map(tones);
         Ok(Renderer {
             width_px,
             height_px,
@@ -136,7 +143,7 @@ impl Renderer {
             moved: MovedRays::new(rays_max),
             scratch: Scratch::new(),
             tile_light: vec![[0; 4]; rays_max],
-            sharp: vec![[red, green, blue, 0]; width_px * height_px],
+            sharp: vec![hood(); width_px * height_px],
             blurred: Vec::new(),
             development: Development::new(width_px, height_px, &mut rng),
             rays,
@@ -160,8 +167,8 @@ impl Renderer {
             .apply(&scene.motion, &self.sharp, &mut self.blurred);
         let image = if smeared {
             // The rim moves with the camera: nothing smears over it.
-            for &pixel in &self.rays.blank {
-                self.blurred[pixel as usize] = self.sharp[pixel as usize];
+            for run in &self.rays.blank {
+                self.blurred[run.clone()].fill(hood());
             }
             &mut self.blurred
         } else {
@@ -195,7 +202,7 @@ impl Renderer {
         } = self;
         for (index, tile) in rays.tiles.iter().enumerate() {
             light_buffer.set_tile(tile);
-            moved.set_tile(rays, tile, &rays.transform, [&ground.x, &ground.y]);
+            moved.set_tile(rays, tile, &rays.transform);
             ground.shade(scene.pose, index, tile, moved, scratch, light_buffer);
             self.environment
                 .shade(scene.pose, rays, tile, moved, light_buffer);
@@ -205,10 +212,7 @@ impl Renderer {
             for (pixel, ((red, green), blue)) in self.tile_light.iter_mut().zip(planes) {
                 *pixel = [tones(*red), tones(*green), tones(*blue), 0];
             }
-            // In the order of the image, so that writes are sequential; one write a pixel, since they miss the cache.
-            for &(pixel, ray) in &tile.by_pixel {
-                self.sharp[pixel as usize] = self.tile_light[ray as usize];
-            }
+            tile.write(&self.tile_light, &mut self.sharp);
         }
     }
 }
@@ -383,12 +387,11 @@ fn extract_colours<const EVEN: usize, const ODD: usize>(
 fn draw_occlusion(&Sector { centre, width }: &Sector, rays: &SortedRays, image: &mut [LightPixel]) {
     let inside = (width / 2.0).min(std::f32::consts::PI).cos();
     let (sin, cos) = centre.sin_cos();
-    let [red, green, blue] = HOOD.map(tones);
     let range = rays.range_of_sector(centre - width / 2.0, centre + width / 2.0);
     for tile in &rays.tiles {
         for ray in rays.runs_in(&range, tile).flatten() {
             if cos * rays.direction_x[ray] + sin * rays.direction_y[ray] >= inside {
-                image[rays.pixel[ray] as usize] = [red, green, blue, 0];
+                image[rays.pixel[ray] as usize] = hood();
             }
         }
     }

@@ -101,29 +101,54 @@ impl MotionBlur {
             }
             return;
         }
-        let offsets: [[isize; 2]; TAPS_MAX] = std::array::from_fn(|tap| {
-            let part = (tap as f32 + 0.5) / taps as f32 - 0.5;
-            flow.map(|pixels| (part * pixels).round() as isize)
-        });
         let moved = |from: usize, by: isize, most: usize| {
             (from as isize + by).clamp(0, most as isize) as usize
         };
+        // Columns and rows that the taps add; `moved` keeps them within the image.
+        let offsets: [(usize, isize); TAPS_MAX] = std::array::from_fn(|tap| {
+            let part = (tap as f32 + 0.5) / taps as f32 - 0.5;
+            let [across, down] = flow.map(|pixels| (part * pixels).round() as isize);
+            (moved(left, across, self.width_px - BLOCK), down)
+        });
         for row in top..top + BLOCK {
-            let mut sums = [0u32; 4 * BLOCK];
-            for [across, down] in &offsets[..taps] {
-                let from_row = moved(row, *down, self.height_px - 1);
-                let from = from_row * self.width_px + moved(left, *across, self.width_px - BLOCK);
-                let run = sharp[from..from + BLOCK].as_flattened();
-                for (sum, &light) in sums.iter_mut().zip(run) {
-                    *sum += u32::from(light);
+            let mut runs = [&[0; 4 * BLOCK]; TAPS_MAX];
+            for (run, (column, down)) in runs[..taps].iter_mut().zip(&offsets) {
+                let from = moved(row, *down, self.height_px - 1) * self.width_px + column;
+                if let Some(pixels) = sharp[from..].as_flattened().first_chunk() {
+                    *run = pixels;
                 }
             }
             let to = row * self.width_px + left;
-            let out = blurred[to..to + BLOCK].as_flattened_mut();
-            let shift = taps.trailing_zeros();
-            for (out, sum) in out.iter_mut().zip(sums) {
-                *out = (sum >> shift) as u16;
+            let Some(out) = blurred[to..].as_flattened_mut().first_chunk_mut() else {
+                continue;
+            };
+            match taps {
+                2 => average_taps::<2>(&runs, out),
+                4 => average_taps::<4>(&runs, out),
+                8 => average_taps::<8>(&runs, out),
+                _ => average_taps::<TAPS_MAX>(&runs, out),
             }
+        }
+    }
+}
+
+/// Averages a row of a block over `TAPS` (a power of two) runs of pixels.
+fn average_taps<const TAPS: usize>(
+    runs: &[&[u16; 4 * BLOCK]; TAPS_MAX],
+    out: &mut [u16; 4 * BLOCK],
+) {
+    /// Values that are added at once, so that sums stay in registers.
+    const GROUP: usize = 16;
+    for (group, out) in out.as_chunks_mut::<GROUP>().0.iter_mut().enumerate() {
+        let mut sums = [0u32; GROUP];
+        for run in &runs[..TAPS] {
+            let run = &run.as_chunks::<GROUP>().0[group];
+            for k in 0..GROUP {
+                sums[k] += u32::from(run[k]);
+            }
+        }
+        for k in 0..GROUP {
+            out[k] = (sums[k] >> TAPS.trailing_zeros()) as u16;
         }
     }
 }

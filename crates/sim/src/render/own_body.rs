@@ -26,8 +26,7 @@ impl OwnBody {
         let solids = own_solids(body, camera_height);
         let (tile, light_direction) = (rays.single_tile(), [0.0, 1.0]);
         let mut moved = MovedRays::new(rays.count());
-        let nowhere = vec![0.0; rays.count()];
-        moved.set_tile(rays, &tile, &RowTransform::default(), [&nowhere; 2]);
+        moved.set_tile(rays, &tile, &RowTransform::default());
         let context = DrawContext {
             rays,
             moved: &moved,

@@ -8,16 +8,20 @@ use std::ops::Range;
 
 use vision::{Ray, RayTable};
 
+use super::lanes::LANES;
 use super::row_transform::RowTransform;
+use super::slope_reach::SlopeReach;
 
 /// Azimuth bins in a full circle: 0.5° is about a pixel at half the radius of a 480 × 480 image.
 const BINS: usize = 720;
 /// Rays at which a tile is complete: their data fill half a cache of 512 KiB.
 const TILE_RAYS: usize = 4096;
+/// Half width of a bin, radians, and a little more.
+pub(super) const BIN_SPREAD: f32 = 0.51 * TAU / BINS as f32;
 /// Largest slope (height over horizontal distance): steeper rays count as vertical.
 const SLOPE_MAX: f32 = 1e4;
 
-/// Rays in bin order, one array per component, robot frame. Points on a ray are `origin + s·(direction, slope)` for a
+/// Rays in bin order, one array per component (padded by `LANES`), robot frame. Points on a ray are `origin + s·(direction, slope)` for a
 /// horizontal distance s, metres.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SortedRays {
@@ -43,8 +47,11 @@ pub(crate) struct SortedRays {
     pub(super) transform: RowTransform,
     /// Groups of bins with a few thousand rays each.
     pub(super) tiles: Vec<Tile>,
-    /// Pixels without a ray.
-    pub(crate) blank: Vec<u32>,
+    /// Horizontal direction of the middle of each bin, unit vectors.
+    bin_directions: Vec<[f32; 2]>,
+    reach: SlopeReach,
+    /// Runs of neighbouring pixels without a ray.
+    pub(super) blank: Vec<Range<usize>>,
     /// Largest horizontal distance of an origin from the axis, metres.
     pub(super) origin_radius_max: f32,
     /// Largest distance between a ray's line and the axis, metres: 0 for an upright mirror.
@@ -59,8 +66,10 @@ pub(super) struct Tile {
     bins: Range<usize>,
     /// The rays of those bins.
     pub(super) rays: Range<usize>,
-    /// Pixels in the order of the image, each with its ray's index in the tile.
-    pub(super) by_pixel: Vec<(u32, u32)>,
+    /// First pixel of each run of neighbouring pixels in the order of the image, and their number.
+    spans: Vec<(u32, u32)>,
+    /// Ray of each pixel of these runs, by its index in the tile.
+    by_pixel: Vec<u32>,
 }
 
 /// Rays that may meet an object: bins, counter-clockwise from the first, and the range of slopes in each.
@@ -70,16 +79,22 @@ pub(super) struct RayRange {
     count: usize,
     slope_min: f32,
     slope_max: f32,
+    /// Limits of the level slopes; infinite if all slopes count.
+    level: [f32; 2],
 }
 
-/// A run of rays; every slice has the run's length.
-#[derive(Clone, Copy)]
-pub(super) struct RayRun<'a> {
-    pub(super) origin: [&'a [f32]; 3],
-    pub(super) direction: [&'a [f32]; 2],
-    pub(super) slope: &'a [f32],
-    pub(super) azimuth_spacing: &'a [f32],
-    pub(super) slope_spacing: &'a [f32],
+impl Tile {
+    /// Writes the values of the tile's rays to their pixels. Sequential writes, one a pixel, since they miss the cache.
+    pub(super) fn write<T: Copy>(&self, by_ray: &[T], image: &mut [T]) {
+        let mut rays = &self.by_pixel[..];
+        for &(first, count) in &self.spans {
+            let (own, others) = rays.split_at(count as usize);
+            rays = others;
+            for (pixel, ray) in image[first as usize..].iter_mut().zip(own) {
+                *pixel = by_ray[*ray as usize];
+            }
+        }
+    }
 }
 
 impl SortedRays {
@@ -90,7 +105,10 @@ impl SortedRays {
         for (pixel, ray) in table.rays.iter().enumerate() {
             match ray {
                 Some(ray) => keyed.push((bin_of(azimuth(ray)), slope(ray), pixel as u32)),
-                None => rays.blank.push(pixel as u32),
+                None => match rays.blank.last_mut() {
+                    Some(run) if run.end == pixel => run.end += 1,
+                    _ => rays.blank.push(pixel..pixel + 1),
+                },
             }
         }
         keyed.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
@@ -125,6 +143,13 @@ impl SortedRays {
             rays.origin_height_min = rays.origin_height_min.min(ray.origin[2]);
             rays.origin_height_max = rays.origin_height_max.max(ray.origin[2]);
         }
+        rays.reach = SlopeReach::new(&rays.slope, &rays.slope_spacing);
+        rays.bin_directions = (0..BINS)
+            .map(|bin| {
+                let (sin, cos) = ((bin as f32 + 0.5) * TAU / BINS as f32).sin_cos();
+                [cos, sin]
+            })
+            .collect();
         let mut first = 0;
         for bin in 1..=BINS {
             let count = rays.starts[bin] - rays.starts[first];
@@ -132,6 +157,19 @@ impl SortedRays {
                 rays.tiles.push(rays.tile(first..bin));
                 first = bin;
             }
+        }
+        for component in [
+            &mut rays.origin_x,
+            &mut rays.origin_y,
+            &mut rays.origin_z,
+            &mut rays.direction_x,
+            &mut rays.direction_y,
+            &mut rays.slope,
+            &mut rays.azimuth_spacing,
+            &mut rays.slope_spacing,
+            &mut rays.row,
+        ] {
+            component.extend([1.0; LANES]);
         }
         rays
     }
@@ -146,10 +184,15 @@ impl SortedRays {
         let mut by_pixel: Vec<(u32, u32)> =
             self.pixel[rays.clone()].iter().copied().zip(0..).collect();
         by_pixel.sort_unstable();
+        let spans = by_pixel
+            .chunk_by(|before, after| before.0 + 1 == after.0)
+            .map(|run| (run[0].0, run.len() as u32))
+            .collect();
         Tile {
             bins,
             rays,
-            by_pixel,
+            spans,
+            by_pixel: by_pixel.into_iter().map(|(_, ray)| ray).collect(),
         }
     }
 
@@ -158,11 +201,16 @@ impl SortedRays {
         self.tile(0..BINS)
     }
 
-    /// The rays of each bin of a tile.
-    pub(super) fn bins(&self, tile: &Tile) -> impl Iterator<Item = Range<usize>> + '_ {
+    /// The bins of a tile, each with its rays.
+    pub(super) fn bins(&self, tile: &Tile) -> impl Iterator<Item = (usize, Range<usize>)> + '_ {
         tile.bins
             .clone()
-            .map(|bin| self.starts[bin]..self.starts[bin + 1])
+            .map(|bin| (bin, self.starts[bin]..self.starts[bin + 1]))
+    }
+
+    /// Horizontal direction of the middle of a bin, unit vector.
+    pub(super) fn bin_direction(&self, bin: usize) -> [f32; 2] {
+        self.bin_directions[bin]
     }
 
     /// The runs of a tile's rays in a range.
@@ -176,6 +224,7 @@ impl SortedRays {
             count,
             slope_min: low,
             slope_max: high,
+            level,
         } = *range;
         let bins = tile.bins.clone();
         // The range may wrap around from the last bin to bin 0.
@@ -189,6 +238,8 @@ impl SortedRays {
             .map(move |bin| {
                 let start = self.starts[bin];
                 let slopes = &self.slope[start..self.starts[bin + 1]];
+                let low = self.steepest(bin, level[0]).max(low);
+                let high = self.highest(bin, level[1]).min(high);
                 let from = slopes.partition_point(|&slope| slope < low);
                 let more = slopes[from..].partition_point(|&slope| slope <= high);
                 start + from..start + from + more
@@ -229,9 +280,20 @@ impl SortedRays {
         // A tilt by an angle changes azimuths by up to angle·slope and slopes by up to angle·(1 + slope²).
         let half = (half + angle_max * (1.0 + low.abs().max(high.abs()))).min(PI);
         let margin = |slope: f32| 0.02 + 0.02 * slope.abs() + angle_max * (1.0 + slope * slope);
+        // The same limits without the tilt, which is known for each bin, and with the footprints' real size.
+        let lifted = angle_max * (self.origin_radius_max + angle_max * self.origin_height_max);
+        let (down, up) = (down - lifted, up + lifted);
+        let level_low = if down < 0.0 { down / near } else { down / far };
+        let level_high = if up < 0.0 { up / far } else { up / near };
+        let spare = 1e-4 / near;
+        let level = [
+            level_low - self.reach_below(level_low) - spare,
+            level_high + self.reach_above(level_high) + spare,
+        ];
         RayRange {
             slope_min: low - 1.2 * margin(low),
             slope_max: high + 1.2 * margin(high),
+            level,
             ..self.range_of_sector(middle - half, middle + half)
         }
     }
@@ -246,7 +308,41 @@ impl SortedRays {
             count: count.min(BINS),
             slope_min: f32::NEG_INFINITY,
             slope_max: f32::INFINITY,
+            level: [f32::NEG_INFINITY, f32::INFINITY],
         }
+    }
+
+    /// The least slope as mounted of the rays of a bin that may be at or above a level slope.
+    pub(super) fn steepest(&self, bin: usize, level: f32) -> f32 {
+        let mounted = self
+            .transform
+            .mounted_slope(level, self.bin_directions[bin]);
+        mounted.map_or(f32::NEG_INFINITY, |slope| {
+            slope - self.transform.slope_margin(slope, BIN_SPREAD)
+        })
+    }
+
+    /// The largest slope as mounted of the rays of a bin that may be at or below a level slope.
+    fn highest(&self, bin: usize, level: f32) -> f32 {
+        let mounted = self
+            .transform
+            .mounted_slope(level, self.bin_directions[bin]);
+        mounted.map_or(f32::INFINITY, |slope| {
+            slope + self.transform.slope_margin(slope, BIN_SPREAD)
+        })
+    }
+
+    /// How far below a level slope a ray's footprint may still reach it, at any tilt of the current image.
+    pub(super) fn reach_below(&self, level: f32) -> f32 {
+        let tilted = 1.2 * self.transform.angle_max * (1.0 + level * level);
+        let [low, high] = [level - tilted, level + tilted].map(|slope| self.reach.below(slope));
+        low.max(high)
+    }
+
+    fn reach_above(&self, level: f32) -> f32 {
+        let tilted = 1.2 * self.transform.angle_max * (1.0 + level * level);
+        let [low, high] = [level - tilted, level + tilted].map(|slope| self.reach.above(slope));
+        low.max(high)
     }
 }
 
@@ -288,3 +384,6 @@ fn pixel_spacing(table: &RayTable, pixel: usize, ray: &Ray) -> (f32, f32) {
     }
     (turn2.sqrt().clamp(1e-4, 1.0), rise2.sqrt().max(1e-5))
 }
+
+#[cfg(test)]
+mod tests;

@@ -24,8 +24,10 @@ pub(super) struct RowTransform {
     pub(super) rotation: [[f32; 9]; 2],
     /// Translation over the whole image, metres.
     pub(super) shift: [f32; 2],
-    /// Largest rotation of a row, radians, and largest translation of an origin, metres: margins for lookups.
+    /// Largest rotation of a row, and largest change of its tilt against the middle one, radians; largest translation of an
+    /// origin, metres: margins for lookups.
     pub(super) angle_max: f32,
+    pub(super) rocks_max: f32,
     pub(super) shift_max: f32,
 }
 
@@ -45,7 +47,8 @@ impl RowTransform {
         };
         let (first, last) = (at(-half), at(half));
         let [a, b] = motion.tilt;
-        let tilt_max = a.hypot(b) + half * motion.tilt_rate[0].hypot(motion.tilt_rate[1]);
+        let rocks = half * motion.tilt_rate[0].hypot(motion.tilt_rate[1]);
+        let tilt_max = a.hypot(b) + rocks;
         let shift = motion.velocity.map(|part| part * motion.readout);
         RowTransform {
             rotation: [
@@ -54,8 +57,27 @@ impl RowTransform {
             ],
             shift,
             angle_max: tilt_max + half * motion.yaw_rate.abs(),
+            rocks_max: rocks,
             shift_max: 0.5 * shift[0].hypot(shift[1]) + tilt_max * height,
         }
+    }
+}
+
+impl RowTransform {
+    /// The slope of the camera as mounted that becomes `slope` in the level frame, in the vertical plane of a horizontal
+    /// direction (unit vector); `None` for a direction near the vertical, where tilt turns azimuths.
+    pub(super) fn mounted_slope(&self, slope: f32, direction: [f32; 2]) -> Option<f32> {
+        let [matrix, _] = self.rotation;
+        let rise = (matrix[6] * direction[0] + matrix[7] * direction[1]) / matrix[8];
+        let scale = 1.0 + slope * rise;
+        (scale > 0.5).then(|| (slope - rise) / scale)
+    }
+
+    /// Error of `mounted_slope` for rays whose azimuth differs from the direction's by at most `spread` radians, in any row.
+    pub(super) fn slope_margin(&self, slope: f32, spread: f32) -> f32 {
+        // Yaw alone changes no slope.
+        let angle = self.angle_max * (spread + self.angle_max) + self.rocks_max;
+        (1.0 + slope * slope) * (1.2 * angle + 1e-5)
     }
 }
 

@@ -20,9 +20,11 @@ pub(super) struct Scatter {
     columns: usize,
     rows: usize,
     values: Vec<[f32; 4]>,
-    /// Sums of the pixels of `CELL` rows, by column.
-    sums: Vec<[u32; 4]>,
     coarse: Vec<[f32; 4]>,
+    /// Veiling glare of one row of values at the coarse image's columns.
+    coarse_row: Vec<[f32; 4]>,
+    /// Where each column of values lies in that row.
+    places: Vec<(usize, usize, f32)>,
     /// Interpolated values of one image row, with one more at each end.
     row: Vec<[f32; 4]>,
 }
@@ -42,27 +44,12 @@ impl Scatter {
             .chunks(CELL * width_px)
             .zip(self.values.chunks_mut(self.columns))
         {
-            self.sums.clear();
-            self.sums.resize(width_px, [0; 4]);
-            // Rows first: these loops vectorise, sums of neighbouring pixels do not.
-            for row in rows.chunks(width_px) {
-                let sums = self.sums.as_flattened_mut();
-                for (sum, &light) in sums.iter_mut().zip(row.as_flattened()) {
-                    *sum += u32::from(light);
-                }
-            }
-            let row_count = rows.len() / width_px;
-            // The last cell of a row may be narrower.
-            for (value, cell) in values.iter_mut().zip(self.sums.chunks(CELL)) {
-                let mut sum = [0; 4];
-                for pixel in cell {
-                    for k in 0..4 {
-                        sum[k] += pixel[k];
-                    }
-                }
-                let per = 1.0 / (cell.len() * row_count) as f32;
-                *value = sum.map(|sum| per * sum as f32);
-            }
+            let full = if rows.len() == CELL * width_px {
+                average_full_cells(rows, width_px, values)
+            } else {
+                0
+            };
+            average_cells(rows, width_px, values, full);
         }
         self.spread_glare(image_sensor);
         spread(
@@ -102,25 +89,26 @@ impl Scatter {
     fn add_glare(&mut self, image_sensor: &ImageSensorConfig) {
         let columns = self.columns.div_ceil(GLARE_CELL);
         let last = self.coarse.len() / columns.max(1) - 1;
-        let place = |index: usize, last: usize| {
-            let at = ((index as f32 + 0.5) / GLARE_CELL as f32 - 0.5).clamp(0.0, last as f32);
-            ((at as usize).min(last.saturating_sub(1)), at)
-        };
+        let (bloom, glare) = (image_sensor.bloom, image_sensor.glare);
+        self.places.clear();
+        self.places
+            .extend((0..self.columns).map(|column| place_between(column, columns - 1)));
+        let row_of = |row: usize| row * columns..(row + 1) * columns;
         for (row, values) in self.values.chunks_mut(self.columns).enumerate() {
-            let (above, at) = place(row, last);
-            let down = at - above as f32;
-            let below = (above + 1).min(last);
-            for (column, value) in values.iter_mut().enumerate() {
-                let (left, at) = place(column, columns - 1);
-                let (across, right) = (at - left as f32, (left + 1).min(columns - 1));
-                let corner = |row: usize, column: usize| self.coarse[row * columns + column];
-                let (a, b) = (corner(above, left), corner(above, right));
-                let (c, d) = (corner(below, left), corner(below, right));
+            let (above, below, down) = place_between(row, last);
+            self.coarse_row.clear();
+            let rows = self.coarse[row_of(above)]
+                .iter()
+                .zip(&self.coarse[row_of(below)]);
+            self.coarse_row
+                .extend(rows.map(|(above, below)| -> [f32; 4] {
+                    std::array::from_fn(|k| glare * down.mul_add(below[k] - above[k], above[k]))
+                }));
+            for (value, &(left, right, across)) in values.iter_mut().zip(&self.places) {
+                let (left, right) = (self.coarse_row[left], self.coarse_row[right]);
                 for k in 0..4 {
-                    let (high, low) =
-                        (a[k] + across * (b[k] - a[k]), c[k] + across * (d[k] - c[k]));
-                    value[k] = image_sensor.bloom * value[k]
-                        + image_sensor.glare * (high + down * (low - high));
+                    let veil = across.mul_add(right[k] - left[k], left[k]);
+                    value[k] = bloom.mul_add(value[k], veil);
                 }
             }
         }
@@ -154,6 +142,53 @@ impl Scatter {
         self.row[0] = self.row[1];
         self.row[self.columns + 1] = self.row[self.columns];
         &self.row
+    }
+}
+
+/// The entries of the coarse image before and after a value, and the value's place between them.
+fn place_between(index: usize, last: usize) -> (usize, usize, f32) {
+    let at = ((index as f32 + 0.5) / GLARE_CELL as f32 - 0.5).clamp(0.0, last as f32);
+    let before = (at as usize).min(last.saturating_sub(1));
+    (before, (before + 1).min(last), at - before as f32)
+}
+
+/// Averages the cells of `CELL` × `CELL` pixels of `CELL` rows; returns how many there are.
+fn average_full_cells(rows: &[LightPixel], width_px: usize, values: &mut [[f32; 4]]) -> usize {
+    let count = width_px / CELL;
+    let [first, second, third, fourth] = [0, 1, 2, 3].map(|row: usize| {
+        let cells = rows[row * width_px..][..width_px].as_flattened();
+        &cells.as_chunks::<{ 4 * CELL }>().0[..count]
+    });
+    let pairs = (first.iter().zip(second)).zip(third.iter().zip(fourth));
+    for (value, ((first, second), (third, fourth))) in values[..count].iter_mut().zip(pairs) {
+        // Two pixels side by side fill a vector.
+        let mut sums = [0u32; 8];
+        for row in [first, second, third, fourth] {
+            for k in 0..8 {
+                sums[k] += u32::from(row[k]) + u32::from(row[k + 8]);
+            }
+        }
+        for k in 0..4 {
+            value[k] = (sums[k] + sums[k + 4]) as f32 * (1.0 / (CELL * CELL) as f32);
+        }
+    }
+    count
+}
+
+/// Averages the cells of some rows from one of them on; the last of a row may be narrower.
+fn average_cells(rows: &[LightPixel], width_px: usize, values: &mut [[f32; 4]], from: usize) {
+    for (cell, value) in values.iter_mut().enumerate().skip(from) {
+        let columns = cell * CELL..((cell + 1) * CELL).min(width_px);
+        let mut sum = [0; 4];
+        for row in rows.chunks(width_px) {
+            for pixel in &row[columns.clone()] {
+                for k in 0..4 {
+                    sum[k] += u32::from(pixel[k]);
+                }
+            }
+        }
+        let per = 1.0 / (columns.len() * (rows.len() / width_px)) as f32;
+        *value = sum.map(|sum| per * sum as f32);
     }
 }
 

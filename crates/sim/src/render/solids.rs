@@ -1,8 +1,9 @@
 //! How are objects drawn? Cylinders, boxes, spheres and panels with antialiased edges, over what is behind them.
 
+use super::lanes::{LANES, Lanes, RayLanes, lane_mask, padded};
 use super::light_buffer::LightBuffer;
 use super::moving_rays::MovedRays;
-use super::rays::{RayRange, RayRun, SortedRays, Tile};
+use super::rays::{RayRange, SortedRays, Tile};
 
 /// An upright prism, robot frame.
 #[derive(Debug, Clone, Copy)]
@@ -171,46 +172,57 @@ fn draw_solid_runs(
     chord: impl Fn(RayOffset) -> Chord,
 ) {
     for run in context.rays.runs_in(range, context.tile) {
-        let [red, green, blue] = light_buffer.planes(&run);
-        let RayRun {
-            origin: [ox, oy, oz],
-            direction: [tx, ty],
-            slope,
-            azimuth_spacing: spacing,
-            slope_spacing,
-        } = context.moved.run(context.rays, &run);
-        for i in 0..slope.len() {
-            let (dx, dy) = (solid.x - ox[i], solid.y - oy[i]);
-            let along = dx * tx[i] + dy * ty[i];
-            let chord = chord(RayOffset {
-                dx,
-                dy,
-                tx: tx[i],
-                ty: ty[i],
-                along,
-                across: dx * ty[i] - dy * tx[i],
-                width: along.max(0.05) * spacing[i] + 1e-4,
-            });
-            let (z_in, z_out) = (
-                oz[i] + slope[i] * chord.entry,
-                oz[i] + slope[i] * chord.exit,
-            );
-            // Vertical distance between neighbouring rays at entry and exit.
-            let per_metre = slope_spacing[i];
-            let (w_in, w_out) = (
-                chord.entry * per_metre + 1e-4,
-                chord.exit * per_metre + 1e-4,
-            );
-            let falls = slope[i] < 0.0;
-            let (low, w_low) = if falls { (z_out, w_out) } else { (z_in, w_in) };
-            let (high, w_high) = if falls { (z_in, w_in) } else { (z_out, w_out) };
-            let under_top = edge_coverage(solid.top - low, w_low);
-            let covered = chord.covered * under_top * edge_coverage(high - solid.bottom, w_high);
-            let cap = edge_coverage(z_in - solid.top, w_in);
-            let side = chord.shading * (1.0 - cap);
-            red[i] += covered * (side * solid.side[0] + cap * solid.cap[0] - red[i]);
-            green[i] += covered * (side * solid.side[1] + cap * solid.cap[1] - green[i]);
-            blue[i] += covered * (side * solid.side[2] + cap * solid.cap[2] - blue[i]);
+        let rays = context.moved.run(context.rays, &run);
+        let mut light = light_buffer.lanes(&run);
+        for group in 0..rays.groups() {
+            let RayLanes {
+                origin: [ox, oy, oz],
+                direction: [tx, ty],
+                slope,
+                azimuth_spacing: spacing,
+                slope_spacing,
+            } = rays.lanes(group);
+            let mask = rays.mask(group);
+            let (mut covered, mut side, mut cap) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+            for i in 0..LANES {
+                let (dx, dy) = (solid.x - ox[i], solid.y - oy[i]);
+                let along = dx.mul_add(tx[i], dy * ty[i]);
+                let chord = chord(RayOffset {
+                    dx,
+                    dy,
+                    tx: tx[i],
+                    ty: ty[i],
+                    along,
+                    across: dx.mul_add(ty[i], -dy * tx[i]),
+                    width: along.max(0.05).mul_add(spacing[i], 1e-4),
+                });
+                let (z_in, z_out) = (
+                    slope[i].mul_add(chord.entry, oz[i]),
+                    slope[i].mul_add(chord.exit, oz[i]),
+                );
+                // Vertical distance between neighbouring rays at entry and exit.
+                let per_metre = slope_spacing[i];
+                let (w_in, w_out) = (
+                    chord.entry.mul_add(per_metre, 1e-4),
+                    chord.exit.mul_add(per_metre, 1e-4),
+                );
+                let falls = slope[i] < 0.0;
+                let (low, w_low) = if falls { (z_out, w_out) } else { (z_in, w_in) };
+                let (high, w_high) = if falls { (z_in, w_in) } else { (z_out, w_out) };
+                let under_top = edge_coverage(solid.top - low, w_low);
+                let over_bottom = edge_coverage(high - solid.bottom, w_high);
+                covered[i] = mask[i] * chord.covered * under_top * over_bottom;
+                cap[i] = edge_coverage(z_in - solid.top, w_in);
+                side[i] = chord.shading * (1.0 - cap[i]);
+            }
+            for (plane, (of_side, of_cap)) in light.iter_mut().zip(solid.side.iter().zip(solid.cap))
+            {
+                let light = &mut plane[group];
+                for i in 0..LANES {
+                    let colour = side[i].mul_add(*of_side, cap[i] * of_cap);
+                    light[i] = covered[i].mul_add(colour - light[i], light[i]);
+                }
+            }
         }
     }
 }
@@ -225,7 +237,7 @@ fn chord_of_circle(radius: f32, light_direction: LightDirection, ray: RayOffset)
         width,
         ..
     } = ray;
-    let half = (radius * radius - across * across).max(0.0).sqrt();
+    let half = (-across).mul_add(across, radius * radius).max(0.0).sqrt();
     let ahead = if along + half > 0.0 { 1.0 } else { 0.0 };
     // Scaled normal at the entry of the ray.
     let (nx, ny) = (-half * tx - across * ty, -half * ty + across * tx);
@@ -256,9 +268,12 @@ fn chord_of_box(
         ..
     } = ray;
     // Ray and centre in the box's axes; avoids division by zero for a ray parallel to a side.
-    let (px, py) = (cos * dx + sin * dy, cos * dy - sin * dx);
+    let (px, py) = (cos.mul_add(dx, sin * dy), cos.mul_add(dy, -sin * dx));
     let slanted = |rate: f32| if rate.abs() < 1e-6 { 1e-6 } else { rate };
-    let (rx, ry) = (slanted(cos * tx + sin * ty), slanted(cos * ty - sin * tx));
+    let (rx, ry) = (
+        slanted(cos.mul_add(tx, sin * ty)),
+        slanted(cos.mul_add(ty, -sin * tx)),
+    );
     let (per_x, per_y) = (1.0 / rx, 1.0 / ry);
     let (mid_x, mid_y) = (px * per_x, py * per_y);
     let (half_x, half_y) = (half[0] * per_x.abs(), half[1] * per_y.abs());
@@ -292,13 +307,12 @@ fn draw_sphere(
 ) {
     let centre = ball.bottom + ball.radius;
     for run in context.rays.runs_in(range, context.tile) {
-        let RayRun {
-            origin: [ox, oy, oz],
-            direction: [tx, ty],
-            slope: slopes,
-            azimuth_spacing,
-            slope_spacing,
-        } = context.moved.run(context.rays, &run);
+        let moved = context.moved.run(context.rays, &run);
+        let [ox, oy, oz] = moved.origin.map(|of| of.as_flattened());
+        let [tx, ty] = moved.direction.map(|of| of.as_flattened());
+        let slopes = moved.slope.as_flattened();
+        let azimuth_spacing = moved.azimuth_spacing.as_flattened();
+        let slope_spacing = moved.slope_spacing.as_flattened();
         for (i, ray) in run.enumerate() {
             let slope = slopes[i];
             let scale = 1.0 / (1.0 + slope * slope).sqrt();
@@ -362,37 +376,50 @@ fn draw_panel_runs(
     let length = ex.hypot(ey).max(1e-6);
     let colour = panel.colour;
     for run in context.rays.runs_in(range, context.tile) {
-        let [red, green, blue] = light_buffer.planes(&run);
-        let RayRun {
-            origin: [ox, oy, oz],
-            direction: [tx, ty],
-            slope,
-            azimuth_spacing: spacing,
-            slope_spacing,
-        } = context.moved.run(context.rays, &run);
-        for i in 0..slope.len() {
-            let (dx, dy) = (panel.from[0] - ox[i], panel.from[1] - oy[i]);
-            let cross = tx[i] * ey - ty[i] * ex;
-            // Avoids division by zero for a ray parallel to the panel.
-            let per_cross = 1.0 / cross.abs().max(1e-6).copysign(cross);
-            let distance = (dx * ey - dy * ex) * per_cross;
-            let ahead = if distance > 0.0 { 1.0 } else { 0.0 };
-            let distance = distance.max(0.0);
-            let along = (dx * ty[i] - dy * tx[i]) * per_cross * length;
-            let height = oz[i] + slope[i] * distance;
-            // The footprint grows with the angle of incidence.
-            let across = distance * spacing[i] * length * per_cross.abs() + 1e-4;
-            let rise = distance * slope_spacing[i] + 1e-4;
-            let inside = edge_coverage(along, across) * edge_coverage(length - along, across);
-            let covered = ahead
-                * inside
-                * edge_coverage(panel.top - height, rise)
-                * edge_coverage(height, rise);
-            let part = covered * solid([along, height], [across, rise]);
-            red[i] += part * (colour[0] - red[i]);
-            green[i] += part * (colour[1] - green[i]);
-            blue[i] += part * (colour[2] - blue[i]);
+        let rays = context.moved.run(context.rays, &run);
+        let mut light = light_buffer.lanes(&run);
+        for group in 0..rays.groups() {
+            let RayLanes {
+                origin: [ox, oy, oz],
+                direction: [tx, ty],
+                slope,
+                azimuth_spacing: spacing,
+                slope_spacing,
+            } = rays.lanes(group);
+            let mask = rays.mask(group);
+            let mut part = [0.0; LANES];
+            for i in 0..LANES {
+                let (dx, dy) = (panel.from[0] - ox[i], panel.from[1] - oy[i]);
+                let cross = tx[i].mul_add(ey, -ty[i] * ex);
+                // Avoids division by zero for a ray parallel to the panel.
+                let per_cross = 1.0 / cross.abs().max(1e-6).copysign(cross);
+                let distance = dx.mul_add(ey, -dy * ex) * per_cross;
+                let ahead = if distance > 0.0 { 1.0 } else { 0.0 };
+                let distance = distance.max(0.0);
+                let along = dx.mul_add(ty[i], -dy * tx[i]) * per_cross * length;
+                let height = slope[i].mul_add(distance, oz[i]);
+                // The footprint grows with the angle of incidence.
+                let across = distance * spacing[i] * length * per_cross.abs() + 1e-4;
+                let rise = distance.mul_add(slope_spacing[i], 1e-4);
+                let inside = edge_coverage(along, across) * edge_coverage(length - along, across);
+                let covered = ahead
+                    * inside
+                    * edge_coverage(panel.top - height, rise)
+                    * edge_coverage(height, rise);
+                part[i] = mask[i] * covered * solid([along, height], [across, rise]);
+            }
+            for (plane, colour) in light.iter_mut().zip(colour) {
+                blend_lanes(&mut plane[group], &part, colour);
+            }
         }
+    }
+}
+
+/// Blends a colour into the light of one plane with weights `part`.
+#[inline(always)]
+fn blend_lanes(light: &mut Lanes, part: &Lanes, colour: f32) {
+    for (light, part) in light.iter_mut().zip(part) {
+        *light = part.mul_add(colour - *light, *light);
     }
 }
 
@@ -401,7 +428,10 @@ fn draw_panel_runs(
 fn net_coverage(at: f32, mesh: f32, cord: f32, width: f32) -> f32 {
     let meshes = at / mesh;
     let off = (meshes - meshes.round_ties_even()).abs() * mesh;
-    let fine = ((cord / 2.0 + width / 2.0 - off) / width).clamp(0.0, (cord / width).min(1.0));
+    // Not `clamp`: its check of the limits keeps the compiler from vectorising.
+    let fine = ((cord / 2.0 + width / 2.0 - off) / width)
+        .max(0.0)
+        .min((cord / width).min(1.0));
     if width >= mesh { cord / mesh } else { fine }
 }
 
@@ -456,22 +486,33 @@ impl Shadow {
         let under = self.underbody;
         let height2 = under.height * under.height;
         for run in context.rays.runs_in(range, context.tile) {
-            let [red, green, blue] = light_buffer.planes(&run);
-            let [at_x, at_y] = context.moved.ground(&run);
-            for i in 0..at_x.len() {
-                let (dx, dy) = (at_x[i] - self.x, at_y[i] - self.y);
-                let inside = (1.0 - (dx * dx + dy * dy) * per_square).max(0.0);
-                // Below the body, light enters only through the gap at its edge: form factor at this depth.
-                let (across, along) = (
-                    (under.cos * dx + under.sin * dy).abs(),
-                    (under.cos * dy - under.sin * dx).abs(),
-                );
-                let deep = (under.half - across.max(along)).max(0.0);
-                let slit = 1.0 - deep / (deep * deep + height2).sqrt();
-                let left = (1.0 - self.depth * inside * inside) * slit;
-                red[i] *= left;
-                green[i] *= left;
-                blue[i] *= left;
+            let count = run.len();
+            let ground = context.moved.ground(&padded(&run));
+            let [at_x, at_y] = ground.map(|of| of.as_chunks::<LANES>().0);
+            let [red, green, blue] = light_buffer.lanes(&run);
+            let places = at_x.iter().zip(at_y);
+            let light = red.iter_mut().zip(green).zip(blue);
+            for (group, ((at_x, at_y), ((red, green), blue))) in places.zip(light).enumerate() {
+                let mask = lane_mask(count, group);
+                let mut left: Lanes = [0.0; LANES];
+                for i in 0..LANES {
+                    let (dx, dy) = (at_x[i] - self.x, at_y[i] - self.y);
+                    let inside = (1.0 - dx.mul_add(dx, dy * dy) * per_square).max(0.0);
+                    // Below the body, light enters only through the gap at its edge: form factor at this depth.
+                    let (across, along) = (
+                        under.cos.mul_add(dx, under.sin * dy).abs(),
+                        under.cos.mul_add(dy, -under.sin * dx).abs(),
+                    );
+                    let deep = (under.half - across.max(along)).max(0.0);
+                    let slit = 1.0 - deep / deep.mul_add(deep, height2).sqrt();
+                    let shaded = (1.0 - self.depth * inside * inside) * slit;
+                    left[i] = 1.0 + mask[i] * (shaded - 1.0);
+                }
+                for plane in [red, green, blue] {
+                    for (light, left) in plane.iter_mut().zip(&left) {
+                        *light *= left;
+                    }
+                }
             }
         }
     }
