@@ -28,6 +28,8 @@ pub(super) struct ImagePrior {
     pub(super) covariance: TermMatrix,
     /// Share of the points' information on the map.
     pub(super) share: f64,
+    /// Largest mean information of the image on the map, relative to what is known already.
+    pub(super) gain_max: f64,
 }
 
 /// The best state of an image.
@@ -60,16 +62,22 @@ impl MapCorrection {
                 _ => f64::from(state.tilt[i - 3] - prior.mean.tilt[i - 3]),
             });
             let evidence = sums.eliminate_pose(&prior.information, &deviation)?;
-            let information = evidence.information * prior.share;
+            let gain = (prior.covariance * evidence.information).trace();
+            let gain_max = prior.gain_max * self.basis.terms().len() as f64;
+            let share = prior.share.min(gain_max / gain.max(1e-9));
+            let information = evidence.information * share;
             let factor = TermMatrix::identity() + prior.covariance * information;
             covariance = factor.lu().solve(&prior.covariance)?;
             // At the new coefficients: Σ⁻¹ (c − m) + g + I (c − c₀) = 0.
             let present = state.coefficients - prior.mean.coefficients;
-            let target =
-                covariance * (information * present - evidence.gradient * prior.share);
+            let target = covariance * (information * present - evidence.gradient * share);
             let step = target - present;
             let pose_step = sums.pose_step(&prior.information, &deviation, &step)?;
-            if step.iter().chain(&pose_step).any(|value| !value.is_finite()) {
+            if step
+                .iter()
+                .chain(&pose_step)
+                .any(|value| !value.is_finite())
+            {
                 return None;
             }
             state.coefficients += step;
@@ -102,7 +110,10 @@ impl MapCorrection {
         let (sin, cos) = math::sin_cos(theta);
         let kernel_squared = matching.kernel_scale_sigmas * matching.kernel_scale_sigmas;
         let map_variance = matching.map_std * matching.map_std;
-        let widths = self.prior.diagonal().map(|value| reach * reach * value as f32);
+        let widths = self
+            .prior
+            .diagonal()
+            .map(|value| reach * reach * value as f32);
         for raw in &self.points {
             let displaced = prepared.displace(raw.given);
             let tilted = tilt::linearize(displaced.at, state.tilt, matching.viewpoint_height);

@@ -9,8 +9,8 @@ use super::refit::STATE_TILT_INFORMATION;
 use super::state::{INITIAL_NOISE, MapCorrection, TrackedImage};
 use super::sums::{PoseMatrix, TermMatrix, TermVector};
 use super::term::TermKind;
-use crate::matching::distance_field::DistanceField;
 use crate::matching::MatchConfig;
+use crate::matching::distance_field::DistanceField;
 use crate::math;
 
 /// Standard deviation of a far mount, in those of a new map.
@@ -51,11 +51,12 @@ impl MapCorrection {
             pose: image.predicted,
             tilt: image.expected_tilt,
         };
-        let mut prior = ImagePrior {
+        let prior = ImagePrior {
             mean: given,
             information: pose_information(POSE_STD, STATE_TILT_INFORMATION),
             covariance: self.far_prior(axes),
             share: 1.0,
+            gain_max: f64::INFINITY,
         };
         let starts = STARTS.iter().flat_map(|(sigmas, count)| {
             (0..*count).map(move |k| {
@@ -73,15 +74,7 @@ impl MapCorrection {
             })
             .filter(|fit| fit.score > bound)
             .max_by(|a, b| a.score.total_cmp(&b.score))?;
-        // All points find the mount. As many as are independent say how well.
-        prior.share = self.trial_share();
-        let after = self.fit_image(best.state, &prior, &[0.0], distances, matching)?;
-        let found = ImageFit {
-            state: best.state,
-            covariance: after.covariance,
-            score: best.score,
-        };
-        Some((found, best.score + margin - bound))
+        Some((best, best.score + margin - bound))
     }
 
     /// Covariance of the unknowns of a mirror that may be far off its axis.
@@ -93,7 +86,7 @@ impl MapCorrection {
         far
     }
 
-    /// Share of an image's information on a mount under trial. What the residuals taught under the map in use does not hold for it.
+    /// Share of an image's information on a mount on trial. What residuals taught under the map in use does not hold for it.
     pub(super) fn trial_share(&self) -> f64 {
         let independent = INDEPENDENT_POINTS / self.points.len().max(1) as f32;
         f64::from(self.config.information_share * independent.min(1.0)) / INITIAL_NOISE
@@ -126,6 +119,7 @@ impl MapCorrection {
             information: pose_information(POSE_STD, FREE_TILT_INFORMATION),
             covariance: TermMatrix::zeros(),
             share: 0.0,
+            gain_max: f64::INFINITY,
         };
         let present = self.present_score(image, distances, matching);
         let fitted = starts.iter().chain([&predicted]).filter_map(|start| {

@@ -17,7 +17,13 @@ use crate::matching::distance_field::DistanceField;
 use crate::stamp::Stamp;
 
 /// Lead at which a mount is taken over: independent images that it explains better by the margin.
-const LEAD_MIN: f32 = 5.0;
+const LEAD_MIN: f32 = 10.0;
+
+/// Largest mean information of an image of the trial, relative to what is known already: derivatives hold roughly.
+const GAIN_MAX: f64 = 1.0;
+
+/// Factor of the unknowns' covariance at the take-over. Errors of neighbouring images are alike.
+const TAKE_OVER_INFLATION: f64 = 2.0;
 
 /// Share of the margin by which a mount must explain one image better to be tried.
 const BEGIN_SHARE: f32 = 0.5;
@@ -54,7 +60,9 @@ pub(super) struct SearchSchedule {
 
 impl SearchSchedule {
     fn is_due(&self, stamp: Stamp, period: f64) -> bool {
-        let factor = 2.0_f64.powi(self.failures.min(30) as i32).min(PERIOD_FACTOR_MAX);
+        let factor = 2.0_f64
+            .powi(self.failures.min(30) as i32)
+            .min(PERIOD_FACTOR_MAX);
         self.last
             .is_none_or(|last| last.seconds_until(stamp) >= factor * period)
     }
@@ -107,7 +115,8 @@ impl MapCorrection {
         let found = self.search_mount(image, margin_min, distances, matching);
         self.trial = found.map(|(found, lead)| MountTrial {
             coefficients: found.state.coefficients,
-            covariance: found.covariance,
+            // One image finds the direction. Those of the trial learn from there.
+            covariance: self.prior,
             offset: image.matched.pose.inverse() * found.state.pose,
             pose: image.matched.pose,
             lead: (lead / margin).min(1.0),
@@ -132,6 +141,7 @@ impl MapCorrection {
             information: pose_information(POSE_STD, STATE_TILT_INFORMATION),
             covariance: trial.covariance,
             share: self.trial_share(),
+            gain_max: GAIN_MAX,
         };
         let fit = self.fit_image(start, &prior, &REACHES, distances, matching)?;
         let here = self.image_state(image);
@@ -151,8 +161,7 @@ impl MapCorrection {
         self.coefficients = trial.coefficients;
         self.applied = trial.coefficients;
         self.plausible_centre = trial.coefficients;
-        // Few images found the mount. The next ones learn from there.
-        self.covariance = self.prior;
+        self.covariance = trial.covariance * TAKE_OVER_INFLATION;
         self.sensitivity = PoseByTerm::zeros();
         self.noise = INITIAL_NOISE;
         self.knocks += 1;
