@@ -69,7 +69,7 @@ impl MapCorrection {
 
     pub(super) fn restart_learning(&mut self) {
         self.knock_tests = 0;
-        self.trial = None;
+        self.trials.clear();
         self.block = Block::new(self.coefficients, self.covariance);
         self.used_pose = None;
         self.last_pose = None;

@@ -20,6 +20,11 @@ pub(super) const FAR_SIGMAS: f64 = 5.0;
 /// neighbours the ground 5 m away moves by less than half of the distance between markings.
 const STARTS: [(f64, usize); 3] = [(0.0, 1), (3.0, 6), (6.0, 10)];
 
+/// Mounts of one image that are tried, and the difference of their offsets from which they count as two, in standard deviations of a
+/// new map. One image often allows several: offset, tilt and focal length together do nearly the same to it.
+const MOUNTS_MAX: usize = 4;
+const SAME_SIGMAS: f64 = 0.5;
+
 /// Reaches of a fit from a start that is right to 2 mm, as shares of a new map's displacements.
 const REACHES: [f32; 8] = [2.0, 1.5, 1.0, 0.7, 0.4, 0.2, 0.0, 0.0];
 
@@ -27,25 +32,28 @@ const REACHES: [f32; 8] = [2.0, 1.5, 1.0, 0.7, 0.4, 0.2, 0.0, 0.0];
 const POSE_STD: [f64; 3] = [1.0, 1.0, 0.1];
 
 impl MapCorrection {
-    /// The mount that explains the image best, if it explains `margin` points more than the map in use does at any pose and tilt;
-    /// with the number of points more.
-    pub(super) fn search_mount(
+    /// Mounts that explain `margin` points of the image more than the map in use does at any pose and tilt, best first, with the number of
+    /// points more.
+    pub(super) fn search_mounts(
         &self,
         image: &TrackedImage,
         margin: f32,
         distances: &DistanceField,
         matching: &MatchConfig,
-    ) -> Option<(ImageFit, f32)> {
+    ) -> Vec<(ImageFit, f32)> {
+        let place = |kind| self.basis.terms().iter().position(|term| term.kind == kind);
+        let (Some(x), Some(y)) = (
+            place(TermKind::MirrorOffsetX),
+            place(TermKind::MirrorOffsetY),
+        ) else {
+            return Vec::new();
+        };
+        let axes = [x, y];
         let here = self.image_state(image);
         let bound = self.best_in_use(&[here], image, distances, matching) + margin;
         if bound >= self.points.len() as f32 {
-            return None;
+            return Vec::new();
         }
-        let place = |kind| self.basis.terms().iter().position(|term| term.kind == kind);
-        let axes = [
-            place(TermKind::MirrorOffsetX)?,
-            place(TermKind::MirrorOffsetY)?,
-        ];
         let given = ImageState {
             coefficients: TermVector::zeros(),
             pose: image.predicted,
@@ -64,7 +72,7 @@ impl MapCorrection {
                 [sigmas * math::cos(angle), sigmas * math::sin(angle)]
             })
         });
-        let best = starts
+        let mut found: Vec<ImageFit> = starts
             .filter_map(|sigmas| {
                 let mut start = given;
                 for (axis, sigmas) in axes.into_iter().zip(sigmas) {
@@ -73,8 +81,21 @@ impl MapCorrection {
                 self.fit_image(start, &prior, &REACHES, distances, matching)
             })
             .filter(|fit| fit.score > bound)
-            .max_by(|a, b| a.score.total_cmp(&b.score))?;
-        Some((best, best.score + margin - bound))
+            .collect();
+        found.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let mut distinct: Vec<(ImageFit, f32)> = Vec::new();
+        for fit in found {
+            let is_known = distinct.iter().any(|(known, _)| {
+                let difference = fit.state.coefficients - known.state.coefficients;
+                axes.iter().all(|axis| {
+                    difference[*axis].abs() < SAME_SIGMAS * self.prior[(*axis, *axis)].sqrt()
+                })
+            });
+            if !is_known && distinct.len() < MOUNTS_MAX {
+                distinct.push((fit, fit.score + margin - bound));
+            }
+        }
+        distinct
     }
 
     /// Covariance of the unknowns of a mirror that may be far off its axis.

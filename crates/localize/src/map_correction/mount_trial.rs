@@ -5,7 +5,7 @@
 
 use nalgebra::Matrix3;
 
-use super::image_fit::{ImagePrior, ImageState};
+use super::image_fit::{ImageFit, ImagePrior, ImageState};
 use super::learning::is_moved;
 use super::mount_search::pose_information;
 use super::refit::STATE_TILT_INFORMATION;
@@ -29,7 +29,7 @@ const TAKE_OVER_INFLATION: f64 = 2.0;
 const BEGIN_SHARE: f32 = 0.5;
 
 /// Largest factor of the time between two searches over the first one's: each one that led to nothing doubles it.
-const PERIOD_FACTOR_MAX: f64 = 32.0;
+const PERIOD_FACTOR_MAX: f64 = 8.0;
 
 /// Standard deviations of the pose under the mount on trial: metres, radians.
 const POSE_STD: [f64; 3] = [0.3, 0.3, 0.05];
@@ -48,6 +48,8 @@ pub(super) struct MountTrial {
     pose: Pose,
     /// Images that it explained better by the margin, less those that it did not.
     lead: f32,
+    /// Points of all images of the trial that it explained.
+    explained: f32,
 }
 
 /// When the next search is due.
@@ -81,15 +83,15 @@ impl MapCorrection {
         if image.points.len() != self.points.len() {
             return None;
         }
-        let Some(trial) = self.trial.take() else {
+        let Some(tracked) = self.trials.first().map(|trial| trial.pose) else {
             self.search_when_due(image, margin, distances, matching);
             return None;
         };
-        if !is_moved(trial.pose, image.matched.pose, &self.config) {
-            self.trial = Some(trial);
+        if !is_moved(tracked, image.matched.pose, &self.config) {
             return None;
         }
-        self.continue_trial(trial, image, margin, distances, matching)
+        let trials = std::mem::take(&mut self.trials);
+        self.continue_trials(trials, image, margin, distances, matching)
     }
 
     /// Searches for a mount that explains the image better than the map in use, at most once per period. The period doubles with each
@@ -112,25 +114,72 @@ impl MapCorrection {
         }
         self.schedule.last = Some(image.stamp);
         self.schedule.failures += 1;
-        let found = self.search_mount(image, margin_min, distances, matching);
-        self.trial = found.map(|(found, lead)| MountTrial {
+        let found = self.search_mounts(image, margin_min, distances, matching);
+        let trial = |(found, lead): (ImageFit, f32)| MountTrial {
             coefficients: found.state.coefficients,
             // One image finds the direction. Those of the trial learn from there.
             covariance: self.prior,
             offset: image.matched.pose.inverse() * found.state.pose,
             pose: image.matched.pose,
             lead: (lead / margin).min(1.0),
-        });
+            explained: found.score,
+        };
+        self.trials = found.into_iter().map(trial).collect();
     }
 
-    fn continue_trial(
+    fn continue_trials(
         &mut self,
-        mut trial: MountTrial,
+        mut trials: Vec<MountTrial>,
         image: &TrackedImage,
         margin: f32,
         distances: &DistanceField,
         matching: &MatchConfig,
     ) -> Option<Pose> {
+        let fits: Vec<Option<ImageFit>> = trials
+            .iter()
+            .map(|trial| self.fit_trial(trial, image, distances, matching))
+            .collect();
+        let mut starts = vec![self.image_state(image)];
+        starts.extend(fits.first().and_then(|fit| Some((*fit)?.state)));
+        let in_use = self.best_in_use(&starts, image, distances, matching);
+        for (trial, fit) in trials.iter_mut().zip(fits) {
+            let Some(fit) = fit else {
+                trial.lead = 0.0;
+                continue;
+            };
+            trial.lead += ((fit.score - in_use) / margin).clamp(-1.0, 1.0);
+            trial.explained += fit.score;
+            trial.pose = image.matched.pose;
+            trial.offset = image.matched.pose.inverse() * fit.state.pose;
+            trial.coefficients = fit.state.coefficients;
+            trial.covariance = fit.covariance;
+        }
+        trials.retain(|trial| trial.lead > 0.0);
+        trials.sort_by(|a, b| b.explained.total_cmp(&a.explained));
+        let best = trials.first()?;
+        if best.lead < LEAD_MIN {
+            self.trials = trials;
+            return None;
+        }
+        self.coefficients = best.coefficients;
+        self.applied = best.coefficients;
+        self.plausible_centre = best.coefficients;
+        self.covariance = best.covariance * TAKE_OVER_INFLATION;
+        self.sensitivity = PoseByTerm::zeros();
+        self.noise = INITIAL_NOISE;
+        self.knocks += 1;
+        self.schedule.failures = 0;
+        self.restart_learning();
+        Some(best.pose * best.offset)
+    }
+
+    fn fit_trial(
+        &self,
+        trial: &MountTrial,
+        image: &TrackedImage,
+        distances: &DistanceField,
+        matching: &MatchConfig,
+    ) -> Option<ImageFit> {
         let start = ImageState {
             coefficients: trial.coefficients,
             pose: image.matched.pose * trial.offset,
@@ -143,36 +192,12 @@ impl MapCorrection {
             share: self.trial_share(),
             gain_max: GAIN_MAX,
         };
-        let fit = self.fit_image(start, &prior, &REACHES, distances, matching)?;
-        let here = self.image_state(image);
-        let in_use = self.best_in_use(&[here, fit.state], image, distances, matching);
-        trial.lead += ((fit.score - in_use) / margin).clamp(-1.0, 1.0);
-        if trial.lead <= 0.0 {
-            return None;
-        }
-        trial.pose = image.matched.pose;
-        trial.offset = image.matched.pose.inverse() * fit.state.pose;
-        trial.coefficients = fit.state.coefficients;
-        trial.covariance = fit.covariance;
-        if trial.lead < LEAD_MIN {
-            self.trial = Some(trial);
-            return None;
-        }
-        self.coefficients = trial.coefficients;
-        self.applied = trial.coefficients;
-        self.plausible_centre = trial.coefficients;
-        self.covariance = trial.covariance * TAKE_OVER_INFLATION;
-        self.sensitivity = PoseByTerm::zeros();
-        self.noise = INITIAL_NOISE;
-        self.knocks += 1;
-        self.schedule.failures = 0;
-        self.restart_learning();
-        Some(fit.state.pose)
+        self.fit_image(start, &prior, &REACHES, distances, matching)
     }
 
-    /// Covariance of (x, y, θ) by a mount on trial: its pose and the tracked one count as equally probable.
+    /// Covariance of (x, y, θ) by the best mount on trial: its pose and the tracked one count as equally probable.
     pub(super) fn trial_covariance(&self) -> Matrix3<f32> {
-        self.trial.as_ref().map_or(Matrix3::zeros(), |trial| {
+        self.trials.first().map_or(Matrix3::zeros(), |trial| {
             let difference = (trial.pose * trial.offset).difference(trial.pose);
             difference * difference.transpose() * 0.5
         })

@@ -103,8 +103,8 @@ pub struct MapCorrection {
     /// Exposure of the last image tested for a large knock, and the tests in a row that found one.
     pub(super) knock_checked: Option<Stamp>,
     pub(super) knock_tests: u32,
-    /// A mount far from the one in use, if one explains the images better.
-    pub(super) trial: Option<MountTrial>,
+    /// Mounts far from the one in use that explain the images better, best first.
+    pub(super) trials: Vec<MountTrial>,
     pub(super) schedule: SearchSchedule,
 }
 
@@ -133,7 +133,7 @@ impl MapCorrection {
             knocks: 0,
             knock_checked: None,
             knock_tests: 0,
-            trial: None,
+            trials: Vec::new(),
             schedule: SearchSchedule::default(),
             basis,
             config,
