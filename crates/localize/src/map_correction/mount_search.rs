@@ -14,10 +14,10 @@ use crate::matching::distance_field::DistanceField;
 use crate::math;
 
 /// Standard deviation of a far mount, in those of a new map.
-pub(super) const FAR_SIGMAS: f64 = 5.0;
+const FAR_SIGMAS: f64 = 5.0;
 
-/// Offsets of the mirror from which the fit starts: distance in standard deviations of a new map, and number of directions. Between two
-/// neighbours the ground 5 m away moves by less than half of the distance between markings.
+/// Offsets of the mirror from which the fit starts: distance in standard deviations of a new map, and number of directions. No offset
+/// up to 7 is farther than 2.2 from one of them.
 const STARTS: [(f64, usize); 3] = [(0.0, 1), (3.0, 6), (6.0, 10)];
 
 /// Mounts of one image that are tried, and the difference of their offsets from which they count as two, in standard deviations of a

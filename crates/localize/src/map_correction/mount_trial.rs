@@ -29,7 +29,7 @@ const TAKE_OVER_INFLATION: f64 = 2.0;
 const BEGIN_SHARE: f32 = 0.5;
 
 /// Largest factor of the time between two searches over the first one's: each one that led to nothing doubles it.
-const PERIOD_FACTOR_MAX: f64 = 8.0;
+const PERIOD_FACTOR_MAX: f64 = 32.0;
 
 /// Standard deviations of the pose under the mount on trial: metres, radians.
 const POSE_STD: [f64; 3] = [0.3, 0.3, 0.05];
@@ -107,12 +107,12 @@ impl MapCorrection {
         if !self.schedule.is_due(image.stamp, period) {
             return;
         }
+        self.schedule.last = Some(image.stamp);
         let margin_min = BEGIN_SHARE * margin;
         let present = self.present_score(image, distances, matching);
         if present + margin_min >= self.points.len() as f32 {
             return;
         }
-        self.schedule.last = Some(image.stamp);
         self.schedule.failures += 1;
         let found = self.search_mounts(image, margin_min, distances, matching);
         let trial = |(found, lead): (ImageFit, f32)| MountTrial {
