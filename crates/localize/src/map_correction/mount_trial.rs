@@ -25,6 +25,9 @@ const GAIN_MAX: f64 = 1.0;
 /// Factor of the unknowns' covariance at the take-over. Errors of neighbouring images are alike.
 const TAKE_OVER_INFLATION: f64 = 2.0;
 
+/// Images after which a trial ends: learning has caught up with its mounts.
+const TRIAL_IMAGES_MAX: u32 = 30;
+
 /// Share of the margin by which a mount must explain one image better to be tried.
 const BEGIN_SHARE: f32 = 0.5;
 
@@ -50,6 +53,7 @@ pub(super) struct MountTrial {
     lead: f32,
     /// Points of all images of the trial that it explained.
     explained: f32,
+    images: u32,
 }
 
 /// When the next search is due.
@@ -123,6 +127,7 @@ impl MapCorrection {
             pose: image.matched.pose,
             lead: (lead / margin).min(1.0),
             explained: found.score,
+            images: 1,
         };
         self.trials = found.into_iter().map(trial).collect();
     }
@@ -149,12 +154,13 @@ impl MapCorrection {
             };
             trial.lead += ((fit.score - in_use) / margin).clamp(-1.0, 1.0);
             trial.explained += fit.score;
+            trial.images += 1;
             trial.pose = image.matched.pose;
             trial.offset = image.matched.pose.inverse() * fit.state.pose;
             trial.coefficients = fit.state.coefficients;
             trial.covariance = fit.covariance;
         }
-        trials.retain(|trial| trial.lead > 0.0);
+        trials.retain(|trial| trial.lead > 0.0 && trial.images <= TRIAL_IMAGES_MAX);
         trials.sort_by(|a, b| b.explained.total_cmp(&a.explained));
         let best = trials.first()?;
         if best.lead < LEAD_MIN {
