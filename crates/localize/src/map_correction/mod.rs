@@ -8,6 +8,7 @@
 mod basis;
 mod block;
 mod config;
+mod far_mount;
 mod image_fit;
 mod knock;
 mod learning;

@@ -5,16 +5,16 @@
 
 use nalgebra::Matrix3;
 
+use super::far_mount::MountTrial;
 use super::image_fit::{ImageFit, ImagePrior, ImageState};
 use super::learning::is_moved;
 use super::mount_search::pose_information;
 use super::refit::STATE_TILT_INFORMATION;
 use super::state::{INITIAL_NOISE, MapCorrection, TrackedImage};
-use super::sums::{PoseByTerm, TermMatrix, TermVector};
-use crate::frames::{Pose, RobotFrame, Tf};
+use super::sums::PoseByTerm;
+use crate::frames::Pose;
 use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceField;
-use crate::stamp::Stamp;
 
 /// Lead at which a mount is taken over: independent images that it explains better by the margin.
 const LEAD_MIN: f32 = 10.0;
@@ -25,54 +25,17 @@ const GAIN_MAX: f64 = 1.0;
 /// Factor of the unknowns' covariance at the take-over. Errors of neighbouring images are alike.
 const TAKE_OVER_INFLATION: f64 = 2.0;
 
-/// Images after which a trial ends: learning has caught up with its mounts.
-const TRIAL_IMAGES_MAX: u32 = 30;
+/// Images after which a trial ends, and with it what it adds to the covariance: learning has caught up with its mounts.
+const TRIAL_IMAGES_MAX: u32 = 200;
 
 /// Share of the margin by which a mount must explain one image better to be tried.
 const BEGIN_SHARE: f32 = 0.5;
-
-/// Largest factor of the time between two searches over the first one's: each one that led to nothing doubles it.
-const PERIOD_FACTOR_MAX: f64 = 32.0;
 
 /// Standard deviations of the pose under the mount on trial: metres, radians.
 const POSE_STD: [f64; 3] = [0.3, 0.3, 0.05];
 
 /// Reaches of a fit from the last image's state, as shares of a new map's displacements.
 const REACHES: [f32; 4] = [1.0, 0.5, 0.0, 0.0];
-
-/// A mount on trial.
-#[derive(Debug, Clone)]
-pub(super) struct MountTrial {
-    coefficients: TermVector,
-    covariance: TermMatrix,
-    /// The pose under it, seen from the tracked one.
-    offset: Tf<RobotFrame, RobotFrame>,
-    /// Tracked pose of the last image.
-    pose: Pose,
-    /// Images that it explained better by the margin, less those that it did not.
-    lead: f32,
-    /// Points of all images of the trial that it explained.
-    explained: f32,
-    images: u32,
-}
-
-/// When the next search is due.
-#[derive(Debug, Clone, Default)]
-pub(super) struct SearchSchedule {
-    last: Option<Stamp>,
-    /// Searches in a row that led to nothing.
-    failures: u32,
-}
-
-impl SearchSchedule {
-    fn is_due(&self, stamp: Stamp, period: f64) -> bool {
-        let factor = 2.0_f64
-            .powi(self.failures.min(30) as i32)
-            .min(PERIOD_FACTOR_MAX);
-        self.last
-            .is_none_or(|last| last.seconds_until(stamp) >= factor * period)
-    }
-}
 
 impl MapCorrection {
     /// Searches for a mount that explains the image clearly better than the map in use, by `margin` points, or continues the trial of

@@ -3,7 +3,7 @@
 use super::basis::MapBasis;
 use super::block::Block;
 use super::config::MapCorrectionConfig;
-use super::mount_trial::{MountTrial, SearchSchedule};
+use super::far_mount::{MountTrial, SearchSchedule};
 use super::sums::{PoseByTerm, TermMatrix, TermVector};
 use super::term::{NODES, TERMS_MAX, TermKind};
 use crate::frames::{At, Pose};
