@@ -88,6 +88,45 @@ fn an_unknown_mount_of_a_hyperbolic_mirror_is_learned_while_driving() {
     check_unknown_mount("hyperbolic.toml");
 }
 
+/// A mirror far off its axis, millimetres.
+fn displaced(millimetres: [f64; 2]) -> TrueMount {
+    TrueMount {
+        mount: Mount {
+            mirror_offset: millimetres.map(|part| part * 1e-3),
+            ..Mount::default()
+        },
+        focal_scale: 1.0,
+    }
+}
+
+/// Far points then lie on other markings, at many centimetres from every pose that the given map allows.
+#[test]
+fn a_mirror_far_off_its_axis_is_found_and_the_pose_is_uncertain_until_then() {
+    for (seed, millimetres) in [
+        (2, [-6.4, 0.0]),
+        (3, [0.0, 3.6]),
+        (4, [-3.5, -3.5]),
+    ] {
+        let config = DriveConfig {
+            seconds: 10.0,
+            seed,
+            mounts: vec![(0.0, displaced(millimetres))],
+            ..DriveConfig::default()
+        };
+        let scored = run("default.toml", true, &config);
+        for second in scored.chunks(30) {
+            let (error, nees) = mean_from(second, 0.0);
+            let from = second[0].seconds;
+            assert!(
+                nees < 10.0 / 3.0,
+                "{millimetres:?}: {nees} from {from} s on, {error} m"
+            );
+        }
+        let (error, _) = mean_from(&scored, 8.0);
+        assert!(error < 0.02, "{millimetres:?}: {error} m");
+    }
+}
+
 /// A mirror that a knock has tilted by 0.5°.
 fn knocked() -> TrueMount {
     TrueMount {

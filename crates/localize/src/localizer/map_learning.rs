@@ -108,7 +108,10 @@ impl Localizer {
             return false;
         };
         let (distances, matching) = (&self.distance_field, self.matcher.config());
-        let Some(pose) = map.detect_knock(&image, poor, margin, distances, matching) else {
+        let moved = map
+            .try_mounts(&image, margin, distances, matching)
+            .or_else(|| map.detect_knock(&image, poor, margin, distances, matching));
+        let Some(pose) = moved else {
             return false;
         };
         let [x, y, theta] = pose.difference(filter.pose()).into();
@@ -126,6 +129,7 @@ impl Localizer {
 
     /// A pose of the global search: its error by the map follows from this image alone.
     pub(super) fn restart_map(&mut self, stamp: Stamp, points: &[LinePoint], estimate: &Estimate) {
+        let margin = self.score_margin(points.len());
         let Some(map) = &mut self.map_correction else {
             return;
         };
@@ -148,7 +152,9 @@ impl Localizer {
             repetition: self.matcher.repetition(),
             expected_tilt: self.expected_tilt,
         };
-        map.restart(&image, &self.distance_field, self.matcher.config());
+        let (distances, matching) = (&self.distance_field, self.matcher.config());
+        map.search_when_due(&image, margin, distances, matching);
+        map.restart(&image, distances, matching);
     }
 
     /// The tracked pose was moved to the other field half.

@@ -67,8 +67,9 @@ impl MapCorrection {
         self.restart_learning();
     }
 
-    fn restart_learning(&mut self) {
+    pub(super) fn restart_learning(&mut self) {
         self.knock_tests = 0;
+        self.trials.clear();
         self.block = Block::new(self.coefficients, self.covariance);
         self.used_pose = None;
         self.last_pose = None;

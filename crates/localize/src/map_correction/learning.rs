@@ -1,6 +1,7 @@
 //! Learning: each tracked image moves the map's unknowns by what pose and tilt cannot explain.
 
 use super::block::{BLOCK_IMAGES, Block};
+use super::config::MapCorrectionConfig;
 use super::posterior::Posterior;
 use super::state::{MapCorrection, TrackedImage};
 use super::sums::{MapEvidence, PoseMatrix, PoseVector, TermVector};
@@ -13,10 +14,10 @@ use crate::stamp::Stamp;
 
 /// Information of pose and tilt that is assumed where an image alone decides: 10 m, π and 10°.
 const FREE_POSE_INFORMATION: [f64; 3] = [1e-2, 1e-2, 1e-1];
-const FREE_TILT_INFORMATION: f64 = 32.0;
+pub(super) const FREE_TILT_INFORMATION: f64 = 32.0;
 
 /// Points that carry the information of an image; more are too close together to be independent.
-const INDEPENDENT_POINTS: f32 = 120.0;
+pub(super) const INDEPENDENT_POINTS: f32 = 120.0;
 
 /// Distance from the map as given beyond which an estimate is discarded, in standard deviations of a new map.
 const PLAUSIBLE_SIGMAS: f64 = 8.0;
@@ -59,15 +60,7 @@ impl MapCorrection {
             prior[(k, k)] = FREE_TILT_INFORMATION;
         }
         let evidence = stated.eliminate_pose(&prior, &PoseVector::zeros())?;
-        let repetition = match self.used_pose {
-            Some(used) => image.repetition.sequence_factor(used, image.matched.pose),
-            None => image.repetition.image_factor(),
-        };
-        let share = f64::from(
-            self.config.information_share
-                * (INDEPENDENT_POINTS / image.points.len().max(1) as f32).min(1.0)
-                / repetition,
-        );
+        let share = self.information_share(image, self.used_pose);
         // Such an image is used again.
         let relative = share / self.noise * (self.covariance * evidence.information).trace();
         let cap = RELATIVE_INFORMATION_MAX * self.basis.terms().len() as f64 / relative.max(1e-9);
@@ -83,6 +76,19 @@ impl MapCorrection {
         );
         self.last_pose = Some(pose);
         Some(std::array::from_fn(|k| shift[k] as f32))
+    }
+
+    /// Share of an image's information that counts after one at the pose `used`.
+    pub(super) fn information_share(&self, image: &TrackedImage, used: Option<Pose>) -> f64 {
+        let repetition = match used {
+            Some(used) => image.repetition.sequence_factor(used, image.matched.pose),
+            None => image.repetition.image_factor(),
+        };
+        f64::from(
+            self.config.information_share
+                * (INDEPENDENT_POINTS / image.points.len().max(1) as f32).min(1.0)
+                / repetition,
+        )
     }
 
     /// Takes the estimate into use if the given map is wrong. Returns the change.
@@ -121,11 +127,8 @@ impl MapCorrection {
 
     /// Did the robot move far enough that the points' errors differ from those of the last image used?
     fn is_independent(&self, pose: Pose) -> bool {
-        self.used_pose.is_none_or(|used| {
-            let turn = wrap_angle(pose.theta - used.theta).abs();
-            math::hypot(pose.x - used.x, pose.y - used.y) >= self.config.step_distance
-                || turn >= self.config.step_turn_deg.to_radians()
-        })
+        self.used_pose
+            .is_none_or(|used| is_moved(used, pose, &self.config))
     }
 
     /// Updates the belief by an image.
@@ -150,6 +153,7 @@ impl MapCorrection {
         if self.is_implausible() {
             // Something else than the mount misled it: back to the map as it was given.
             self.coefficients = TermVector::zeros();
+            self.plausible_centre = TermVector::zeros();
             self.forget();
             return Some(());
         }
@@ -166,11 +170,18 @@ impl MapCorrection {
         Some(())
     }
 
-    /// Is an unknown farther from the map as given than any mount may be?
+    /// Is an unknown farther from the map as given, or from the mount taken over last, than any mount may be?
     fn is_implausible(&self) -> bool {
         (0..TERMS_MAX).any(|k| {
             let limit = PLAUSIBLE_SIGMAS * self.prior[(k, k)].sqrt();
-            self.coefficients[k].abs() > limit
+            (self.coefficients[k] - self.plausible_centre[k]).abs() > limit
         })
     }
+}
+
+/// Did the robot move far enough between two images that they count as independent?
+pub(super) fn is_moved(from: Pose, to: Pose, config: &MapCorrectionConfig) -> bool {
+    let turn = wrap_angle(to.theta - from.theta).abs();
+    math::hypot(to.x - from.x, to.y - from.y) >= config.step_distance
+        || turn >= config.step_turn_deg.to_radians()
 }

@@ -8,9 +8,13 @@
 mod basis;
 mod block;
 mod config;
+mod far_mount;
+mod image_fit;
 mod knock;
 mod learning;
 mod mirror;
+mod mount_search;
+mod mount_trial;
 mod points;
 mod posterior;
 mod refit;

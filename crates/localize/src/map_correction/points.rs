@@ -31,11 +31,13 @@ impl MapCorrection {
         let prepared = self.basis.prepare(self.single_coefficients());
         self.points.clear();
         for point in points {
-            let displaced = prepared.displace([point.at.x, point.at.y]);
+            let given = [point.at.x, point.at.y];
+            let displaced = prepared.displace(given);
             let [x, y] = displaced.at;
             point.at = At::new(x, y);
             let ambiguity = displaced.ambiguity * displaced.ambiguity;
             let raw = RawPoint {
+                given,
                 at: [x, y],
                 radial_variance: point.std_radial * point.std_radial + ambiguity,
                 tangential_variance: point.std_tangential * point.std_tangential + ambiguity,

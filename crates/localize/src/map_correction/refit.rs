@@ -16,7 +16,7 @@ use crate::tilt::ground_from_map;
 const REACH: [f32; 6] = [1.0, 0.7, 0.4, 0.2, 0.1, 0.0];
 
 /// Information of a tilt that the filter's state knows, rad⁻²: 1°.
-const STATE_TILT_INFORMATION: f64 = 3300.0;
+pub(super) const STATE_TILT_INFORMATION: f64 = 3300.0;
 
 /// Pose, tilt and map that explain one image best.
 pub(super) struct Refit {

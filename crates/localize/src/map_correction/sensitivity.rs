@@ -17,6 +17,7 @@ impl MapCorrection {
         let by_term = self.sensitivity.fixed_rows::<3>(0);
         let covariance = by_term * self.deviation() * by_term.transpose();
         ((covariance + covariance.transpose()) * 0.5).map(|value| value as f32)
+            + self.trial_covariance()
     }
 
     /// A pose was found without a prediction: its error follows from this image alone.

@@ -3,6 +3,7 @@
 use super::basis::MapBasis;
 use super::block::Block;
 use super::config::MapCorrectionConfig;
+use super::far_mount::{MountTrial, SearchSchedule};
 use super::sums::{PoseByTerm, TermMatrix, TermVector};
 use super::term::{NODES, TERMS_MAX, TermKind};
 use crate::frames::{At, Pose};
@@ -12,7 +13,7 @@ use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
 /// Variance of the residuals over the stated one before any was seen.
-const INITIAL_NOISE: f64 = 4.0;
+pub(super) const INITIAL_NOISE: f64 = 4.0;
 
 /// One unknown of the map, in the unit of its kind.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,6 +65,8 @@ pub struct TrackedImage<'a> {
 /// A corrected line point: its own variances, m², and its derivatives by the unknowns.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RawPoint {
+    /// As the given map says, metres.
+    pub(super) given: [f32; 2],
     /// Before the compensation of the tilt, metres.
     pub(super) at: [f32; 2],
     pub(super) radial_variance: f32,
@@ -79,6 +82,8 @@ pub struct MapCorrection {
     pub(super) coefficients: TermVector,
     /// Those of the map in use, which follows the estimate once the given map proved wrong.
     pub(super) applied: TermVector,
+    /// About which an estimate is plausible: the given map, or the mount taken over last.
+    pub(super) plausible_centre: TermVector,
     pub(super) covariance: TermMatrix,
     pub(super) prior: TermMatrix,
     /// Error of (x, y, θ, a, b) per error of each unknown.
@@ -98,6 +103,9 @@ pub struct MapCorrection {
     /// Exposure of the last image tested for a large knock, and the tests in a row that found one.
     pub(super) knock_checked: Option<Stamp>,
     pub(super) knock_tests: u32,
+    /// Mounts far from the one in use that explain the images better, best first.
+    pub(super) trials: Vec<MountTrial>,
+    pub(super) schedule: SearchSchedule,
 }
 
 impl MapCorrection {
@@ -110,6 +118,7 @@ impl MapCorrection {
         let mut correction = MapCorrection {
             coefficients: TermVector::zeros(),
             applied: TermVector::zeros(),
+            plausible_centre: TermVector::zeros(),
             covariance: prior,
             prior,
             sensitivity: PoseByTerm::zeros(),
@@ -124,6 +133,8 @@ impl MapCorrection {
             knocks: 0,
             knock_checked: None,
             knock_tests: 0,
+            trials: Vec::new(),
+            schedule: SearchSchedule::default(),
             basis,
             config,
         };
