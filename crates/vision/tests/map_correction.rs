@@ -102,11 +102,7 @@ fn displaced(millimetres: [f64; 2]) -> TrueMount {
 /// Far points then lie on other markings, at many centimetres from every pose that the given map allows.
 #[test]
 fn a_mirror_far_off_its_axis_is_found_and_the_pose_is_uncertain_until_then() {
-    for (seed, millimetres) in [
-        (2, [-6.4, 0.0]),
-        (3, [0.0, 3.6]),
-        (4, [-3.5, -3.5]),
-    ] {
+    for (seed, millimetres) in [(2, [-6.4, 0.0]), (3, [0.0, 3.6]), (4, [-3.5, -3.5])] {
         let config = DriveConfig {
             seconds: 10.0,
             seed,
