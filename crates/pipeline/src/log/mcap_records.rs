@@ -116,11 +116,31 @@ impl RecordReader {
                 continue;
             }
             match parse_record(opcode, &body).map_err(|error| damage(error.to_string()))? {
-                Record::DataEnd(_) => self.end = Some(LogCompleteness::Complete),
+                Record::DataEnd(_) => self.end = Some(self.read_rest()?),
                 Record::MessageIndex(_) | Record::Unknown { .. } => {}
                 record => return Ok(Some(record.into_owned())),
             }
         }
+    }
+
+    /// Reads what follows the data: index and summary, which end with the magic bytes unless the file was cut.
+    fn read_rest(&mut self) -> Result<LogCompleteness, DamagedRange> {
+        let mut last = Vec::new();
+        let mut block = [0; 4096];
+        loop {
+            let read = match self.file.read(&mut block) {
+                Ok(0) => break,
+                Ok(read) => read,
+                Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+                Err(error) => return Err(self.io_damage(&error)),
+            };
+            last.extend_from_slice(&block[..read]);
+            last.drain(..last.len().saturating_sub(mcap::MAGIC.len()));
+        }
+        Ok(match last == mcap::MAGIC {
+            true => LogCompleteness::Complete,
+            false => LogCompleteness::Truncated,
+        })
     }
 
     // Opcode and bytes of a record. None if the file ends within it.

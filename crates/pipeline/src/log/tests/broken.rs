@@ -52,6 +52,21 @@ fn truncated_log_reads_to_its_last_complete_chunk_and_is_recovered() {
 }
 
 #[test]
+fn log_whose_index_is_cut_is_not_complete_and_recovered_whole() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [path, cut, whole] = ["a.mcap", "cut.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    record(&path, 30, &LogConfig::default());
+    let bytes = std::fs::read(&path).expect("bytes");
+    for missing in [1, 8, 30, 200] {
+        std::fs::write(&cut, &bytes[..bytes.len() - missing]).expect("cut");
+        let recovered = recover(&cut, &whole).expect("recovered");
+        assert!(!recovered.was_whole && recovered.lost.is_empty(), "{missing}");
+        assert_eq!(read(&whole).len(), 30, "{missing}");
+    }
+    assert!(recover(&path, &whole).expect("recovered").was_whole);
+}
+
+#[test]
 fn damaged_log_reports_the_offset_and_recover_skips_the_damage() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, whole) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
