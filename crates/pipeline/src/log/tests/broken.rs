@@ -60,7 +60,10 @@ fn log_whose_index_is_cut_is_not_complete_and_recovered_whole() {
     for missing in [1, 8, 30, 200] {
         std::fs::write(&cut, &bytes[..bytes.len() - missing]).expect("cut");
         let recovered = recover(&cut, &whole).expect("recovered");
-        assert!(!recovered.was_whole && recovered.lost.is_empty(), "{missing}");
+        assert!(
+            !recovered.was_whole && recovered.lost.is_empty(),
+            "{missing}"
+        );
         assert_eq!(read(&whole).len(), 30, "{missing}");
     }
     assert!(recover(&path, &whole).expect("recovered").was_whole);
