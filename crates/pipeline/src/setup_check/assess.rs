@@ -190,6 +190,9 @@ impl Trial<'_> {
         if other_fields {
             changes.extend(shipped_fields(variant));
         }
+        if other_fields && !centre_explains {
+            found.extend(self.search_far_centre(variant, now));
+        }
         found.extend(self.evaluate(variant, now, changes));
         found.extend(self.search_turn(variant, now, wheels < SENSORS_FINE));
         if wheels < WHEELS_FINE {

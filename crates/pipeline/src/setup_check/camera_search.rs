@@ -11,6 +11,13 @@ use super::variant::SetupVariant;
 
 /// Steps of the mirror's centre, pixels.
 const CENTRE_STEPS: [f32; 4] = [4.0, 2.0, 1.0, 0.5];
+/// Farthest shift of the centre that is tried, pixels.
+const CENTRE_REACH: f32 = 30.0;
+/// Step of the grid of far centres (pixels), of which the best ones are refined.
+const CENTRE_GRID: f32 = 5.0;
+const CENTRE_STARTS: usize = 4;
+/// Keyframes that the grid is compared on.
+const CENTRE_KEYFRAMES: usize = 6;
 /// A smaller shift of the centre is no mistake, pixels.
 const CENTRE_MIN: f32 = 1.5;
 /// Range of the camera's height against the configured one, metres.
@@ -33,55 +40,82 @@ impl Trial<'_> {
         variant: &SetupVariant,
         now: &Explanation,
     ) -> Option<(Change, Improvement)> {
-        if self
-            .measured
-            .iter()
-            .all(|keyframe| keyframe.pixels.is_empty())
-        {
+        self.has_pixels()
+            .then(|| self.descend_centre(variant, variant.centre_shift, now))?
+            .and_then(|best| improved_centre(variant, now, best))
+    }
+
+    /// As [`Trial::search_centre`], but starts from the best centres of a grid: a wrong centre moves the poses with it, and
+    /// markings beside the right ones hold both.
+    pub(super) fn search_far_centre(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+    ) -> Option<(Change, Improvement)> {
+        if !self.has_pixels() {
             return None;
         }
+        let stride = self.measured.len().div_ceil(CENTRE_KEYFRAMES).max(1);
+        let subset = thin_out(self.measured, stride);
+        let steps = (CENTRE_REACH / CENTRE_GRID).floor() as i32;
+        let shifts = (-steps..=steps)
+            .flat_map(|u| (-steps..=steps).map(move |v| [u, v].map(|k| k as f32 * CENTRE_GRID)))
+            .filter(|[u, v]| math::hypot(*u, *v) <= CENTRE_REACH);
+        let cost = |shift: [f32; 2]| {
+            let explanation = self.explain(&Change::Centre(shift).apply(variant), &subset)?;
+            Some((explanation.cost(), shift))
+        };
+        let shifts: Vec<[f32; 2]> = shifts.collect();
+        let mut costs: Vec<(f32, [f32; 2])> = shifts.into_par_iter().filter_map(cost).collect();
+        costs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let descents = costs.into_par_iter().take(CENTRE_STARTS);
+        let best = descents
+            .filter_map(|(_, shift)| {
+                let start = self.explain(&Change::Centre(shift).apply(variant), self.measured)?;
+                self.descend_centre(variant, shift, &start)
+            })
+            .min_by(|a, b| a.1.cost().total_cmp(&b.1.cost()))?;
+        improved_centre(variant, now, best)
+    }
+
+    fn has_pixels(&self) -> bool {
+        let mut keyframes = self.measured.iter();
+        keyframes.any(|keyframe| !keyframe.pixels.is_empty())
+    }
+
+    /// The best centre by steps to the neighbours of `shift` (pixels), from poses that explain this one.
+    fn descend_centre(
+        &self,
+        variant: &SetupVariant,
+        shift: [f32; 2],
+        start: &Explanation,
+    ) -> Option<(SetupVariant, Explanation)> {
         let field = Field::new(variant.field.clone()).ok()?;
         let mut tables = FieldTables::new(&field, &self.config);
-        let mut explain_at = |centre_shift: [f32; 2]| {
-            let after = SetupVariant {
-                centre_shift,
-                ..variant.clone()
-            };
+        let mut refine_at = |centre_shift: [f32; 2], start: &Explanation| {
+            let after = Change::Centre(centre_shift).apply(variant);
             let keyframes = after.apply(self.setup, self.measured);
-            let explanation = refine(&mut tables, &keyframes, now);
-            (explanation.cost(), after, explanation)
+            let explanation = refine(&mut tables, &keyframes, start);
+            (after, explanation)
         };
-        let before = explain_at(variant.centre_shift);
-        let mut best = before.clone();
+        let mut best = refine_at(shift, start);
         for step in CENTRE_STEPS {
             loop {
-                let [u, v] = best.1.centre_shift;
+                let [u, v] = best.0.centre_shift;
                 let neighbours = [[step, 0.0], [-step, 0.0], [0.0, step], [0.0, -step]];
+                // Poses move with the centre, by decimetres in all.
                 let next = neighbours
-                    .map(|[du, dv]| explain_at([u + du, v + dv]))
+                    .map(|[du, dv]| refine_at([u + du, v + dv], &best.1))
                     .into_iter()
-                    .min_by(|a, b| a.0.total_cmp(&b.0))?;
-                let [du, dv] = next.1.centre_shift;
-                if next.0 >= best.0 || math::hypot(du, dv) > 30.0 {
+                    .min_by(|a, b| a.1.cost().total_cmp(&b.1.cost()))?;
+                let [du, dv] = next.0.centre_shift;
+                if next.1.cost() >= best.1.cost() || math::hypot(du, dv) > CENTRE_REACH {
                     break;
                 }
                 best = next;
             }
         }
-        let [u, v] = best.1.centre_shift;
-        let [u0, v0] = variant.centre_shift;
-        if math::hypot(u - u0, v - v0) < CENTRE_MIN {
-            return None;
-        }
-        let comparison = compare(&before.2, &best.2);
-        let change = Change::Centre(best.1.centre_shift);
-        let improvement = Improvement {
-            change: change.clone(),
-            after: best.1,
-            explanation: best.2,
-            comparison,
-        };
-        Some((change, improvement))
+        Some(best)
     }
 
     /// The best height and the best focal length, each alone. Empty unless the map was traced from a mirror's profile.
@@ -157,4 +191,25 @@ impl Trial<'_> {
         }
         Some(best)
     }
+}
+
+/// A centre's improvement over that of `variant`, which `now` explains. None for a shift that is no mistake.
+fn improved_centre(
+    variant: &SetupVariant,
+    now: &Explanation,
+    (after, explanation): (SetupVariant, Explanation),
+) -> Option<(Change, Improvement)> {
+    let [u, v] = after.centre_shift;
+    let [u0, v0] = variant.centre_shift;
+    if math::hypot(u - u0, v - v0) < CENTRE_MIN {
+        return None;
+    }
+    let change = Change::Centre(after.centre_shift);
+    let improvement = Improvement {
+        change: change.clone(),
+        after,
+        comparison: compare(now, &explanation),
+        explanation,
+    };
+    Some((change, improvement))
 }
