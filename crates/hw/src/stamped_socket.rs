@@ -41,7 +41,8 @@ pub struct ReceivedDatagram {
 }
 
 impl StampedSocket {
-    /// Lets the kernel stamp the datagrams of a socket from now on. What has arrived before is discarded.
+    /// Lets the kernel stamp the datagrams of a socket from now on. What has arrived before is discarded. Datagrams of the first
+    /// milliseconds may still be stamped when they are read.
     pub fn new(socket: UdpSocket) -> Result<Self, Error> {
         enable_receive_stamps(&socket)?;
         let mut stamped = StampedSocket {
@@ -194,9 +195,24 @@ mod tests {
         (StampedSocket::new(receiver).expect("stamps"), sender)
     }
 
+    /// The kernel begins to stamp a moment after the first socket asked for it; until then it stamps at reading.
+    fn wait_for_stamps(socket: &mut StampedSocket, sender: &UdpSocket) {
+        for _ in 0..1000 {
+            sender.send(b"stamped?").expect("sent");
+            std::thread::sleep(Duration::from_millis(5));
+            let read = clock::now();
+            let datagram = socket.receive(&mut [0; 16], Duration::ZERO);
+            if datagram.is_some_and(|datagram| datagram.arrival < read) {
+                return;
+            }
+        }
+        panic!("the kernel does not stamp");
+    }
+
     #[test]
     fn arrival_is_the_time_of_sending_not_of_reading() {
         let (mut socket, sender) = pair();
+        wait_for_stamps(&mut socket, &sender);
         let mut buffer = [0; 16];
         assert_eq!(socket.receive(&mut buffer, Duration::ZERO), None);
         let before = clock::now();
