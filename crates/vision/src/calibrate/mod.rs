@@ -1,9 +1,11 @@
 //! Calibration of the ground map, the mount, the mask and the colours, each with its residuals.
 
+mod acceptance;
 pub mod apparent_size;
 pub mod colours;
 mod halves;
 mod joint_fit;
+mod known_map;
 mod line_pixels;
 pub mod lines;
 mod map_alignment;
@@ -14,6 +16,7 @@ pub mod mount_fit;
 mod polar_map;
 mod radial_family;
 mod radial_model;
+mod repeated_images;
 pub mod rim;
 pub mod strip;
 mod strip_edges;
@@ -22,7 +25,8 @@ pub mod unknown_mirror;
 pub use apparent_size::{SizeBin, SizeCalibration, calibrate_sizes};
 pub use colours::{LearnedColours, learn_colours};
 pub use halves::Disagreement;
-pub use lines::{LinesCalibration, NamedImage, calibrate_lines};
+pub use known_map::calibrate_lines;
+pub use lines::{LinesCalibration, NamedImage};
 pub use mask::calibrate_mask;
 pub use mount_fit::{MountFit, fit_mount};
 pub use rim::{Rim, RimError, find_rim};
@@ -62,7 +66,7 @@ pub enum CalibrationError {
         /// Its value.
         value: f64,
         /// The requirement it fails.
-        reason: &'static str,
+        reason: String,
     },
     /// Too few images are usable.
     #[error("too few usable images: {used} of {total} (expected at least {required}). {reasons}")]
