@@ -52,11 +52,21 @@ def narrow_field(folder: Path) -> None:
 
 def shift_centre(folder: Path) -> None:
     """The mirror's centre five pixels off."""
+    move_centre(folder, 4.0, -3.0)
+
+
+def shift_centre_far(folder: Path) -> None:
+    """The mirror's centre so far off that all poses lie by half a metre on other markings."""
+    move_centre(folder, 20.0, 0.0)
+
+
+def move_centre(folder: Path, right_px: float, down_px: float) -> None:
+    """Shifts centre_px."""
     robot = folder / "robot.toml"
     found = re.search(r"(?m)^centre_px\s*=\s*\[\s*([-+.\d]+)\s*,\s*([-+.\d]+)", robot.read_text())
     if found is None:
         raise ValueError(f"{robot}: no centre_px")
-    replace_value(robot, "centre_px", f"[{float(found[1]) + 4.0}, {float(found[2]) - 3.0}]")
+    replace_value(robot, "centre_px", f"[{float(found[1]) + right_px}, {float(found[2]) + down_px}]")
 
 
 def unflip(folder: Path) -> None:
@@ -123,6 +133,7 @@ MISTAKES: dict[str, Callable[[Path], None]] = {
     "stamps_milliseconds": stamps_in_milliseconds,
     "turns_degrees": turns_in_degrees,
     "centre_off": shift_centre,
+    "centre_far_off": shift_centre_far,
     "camera_raised": raise_camera,
     "camera_raised_far": raise_camera_far,
     "forward_slightly_off": turn_forward_slightly,

@@ -227,6 +227,35 @@ def test_mirror_page_on_a_full_disk_is_one_message(tmp_path: Path) -> None:
     assert "Zip" not in done.stderr and "map.npz" in done.stderr, done.stderr
 
 
+@pytest.mark.parametrize(
+    ("design", "reason"),
+    [
+        ("[[part]]\nkind = ['cone']\n", "part 1: no kind ['cone']"),
+        ("reach = 1" + 30 * "0", "reach is too large a number"),
+        ("[[part]]\nkind = 'free'\npoints = { t = 1 }\n", "points = {'t': 1} must be rows of three numbers"),
+        (None, "/dev/zero: not a regular file"),
+    ],
+)
+def test_malformed_mirror_is_one_message(tmp_path: Path, design: str | None, reason: str) -> None:
+    file = Path("/dev/zero") if design is None else tmp_path / "mirror.toml"
+    head = "apex = 0.15\n"
+    camera = "[camera]\nwidth_px = 480\nheight_px = 480\nfocal_px = 500.0\nheight = 0.6\n"
+    if design is not None:
+        is_table = design.startswith("[")
+        file.write_text(head + camera + design if is_table else head + design + "\n" + camera)
+    done = run("mirror", "design", file, "--out", tmp_path / "mirror.csv", timeout=60)
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and reason in done.stderr, done.stderr
+
+
+def test_report_of_a_log_without_a_cycle_and_a_picture_of_an_unknown_kind_are_one_message(game: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(game.read_bytes()[:100_000])
+    done = run("report", cut, "--out", tmp_path / "page")
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and f"{cut}: no cycle in this log" in done.stderr
+    done = run("mirror", "render", "lima2001", "--out", tmp_path / "view.xyz")
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and "no image format 'xyz'" in done.stderr
+
+
 def test_killed_simulation_leaves_a_log_that_can_be_recovered_beside_the_earlier_one(tmp_path: Path) -> None:
     log = tmp_path / "game.mcap"
     log.write_text("of an earlier run")

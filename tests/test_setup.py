@@ -29,6 +29,7 @@ EDITS = {
     "stamps_milliseconds": "frames.csv: convert stamp_s from milliseconds",
     "turns_degrees": "odometry.csv: convert dtheta_rad from degrees",
     "centre_off": "centre_px = [2",
+    "centre_far_off": "centre_px = [238.",
     "camera_raised": "robot.toml: height = 0.60",
     "camera_raised_far": "robot.toml: height = 0.60",
     "forward_slightly_off": "robot.toml: forward_deg = ",
@@ -80,7 +81,7 @@ def test_locate_warns_of_a_mistake_and_no_pose_is_confidently_wrong(mistake: str
     assert any(EDITS[mistake] in warning for warning in result["warnings"]), result["warnings"]
     assert EDITS[mistake] in errors
     rows = [row for row in poses(tmp_path / "poses.csv") if row["x_m"]]
-    if mistake in {"small_field", "narrow_field", "not_flipped", "forward_right", "centre_off"}:
+    if mistake in {"small_field", "narrow_field", "not_flipped", "forward_right", "centre_off", "centre_far_off"}:
         assert not any(row["mode"] == "tracking" for row in rows)
         assert all(row["reason"] == "doubtful set-up" for row in rows)
         assert all(max(float(row["std_x_m"]), float(row["std_y_m"])) > 0.05 for row in rows)

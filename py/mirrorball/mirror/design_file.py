@@ -73,6 +73,10 @@ class DesignSpec:
     """How the requirements are satisfied, if the file states any."""
 
 
+GIVEN_STREAMS = ("/dev/stdin", "/dev/null")
+"""Read without being regular files, as descriptors of this process are; other devices and pipes may have no end."""
+
+
 @checked
 def load(source: str | Path, *, progress: bool = True) -> DesignSpec:
     """Reads a TOML design, or takes a ready-made one by name. ValueError names file, table and key that are wrong."""
@@ -80,6 +84,8 @@ def load(source: str | Path, *, progress: bool = True) -> DesignSpec:
         mirror = REFERENCE_DESIGNS[str(source)]()
         return DesignSpec(mirror, fit_camera(mirror), Lens(), Tolerances(), 12.0, None)
     path = Path(source)
+    if path.exists() and not (path.is_file() or path.is_dir() or str(path) in GIVEN_STREAMS or path.parent == Path("/dev/fd")):
+        raise ValueError(f"{path}: not a regular file")
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:

@@ -13,7 +13,7 @@ use localize::Stamp;
 use super::arguments::Args;
 use super::command_arbiter::CommandArbiter;
 use super::exposure_control::ExposureControl;
-use super::log_rotation::LogRotation;
+use super::log_rotation::{LogRotation, LogSummary};
 use super::network::{self, RunNetwork};
 use super::patrol::Patrol;
 #[cfg(feature = "ros2")]
@@ -231,31 +231,7 @@ impl RunLoop {
             // A panic has been reported, and the wheels have stopped.
             let _ended = thread.join();
         }
-        let mut outputs_lost = Vec::new();
-        if let Some(path) = &self.save_map {
-            match corrected_map::save(&self.robot.setup, &self.pipeline, path) {
-                Ok(()) => status.print_line(&format!("corrected map: {}", path.display())),
-                Err(error) => {
-                    outputs_lost.push(format!("cannot write {}: {error:#}", path.display()))
-                }
-            }
-        }
-        match self.pose_writer.map(PoseWriter::finish) {
-            Some(Err(error)) => outputs_lost.push(format!("{error:#}")),
-            Some(Ok(rows_lost @ 1..)) => status.report_log_change(&format!(
-                "{rows_lost} poses are not in the table, because the disk was too slow"
-            )),
-            Some(Ok(0)) | None => {}
-        }
-        let log = self.log.map(|log| {
-            let finished = log.finish();
-            match (finished.loss(), finished.error) {
-                (Some(loss), _) => outputs_lost.push(loss),
-                (None, Some(error)) => status.report_log_change(&error),
-                (None, None) => {}
-            }
-            finished.summary
-        });
+        let (log, outputs_lost) = self.finish_outputs(&mut status);
         // The wheels have stopped: the trials of other set-ups take seconds.
         let warnings = state.setup_watch.finish(&self.robot.setup, &self.config);
         Ok(status.into_report(RunOutcome {
@@ -271,6 +247,36 @@ impl RunLoop {
             log,
             outputs_lost,
         }))
+    }
+
+    /// Completes map, table and log. Returns the log's summary, and why outputs do not exist.
+    fn finish_outputs(&mut self, status: &mut RunStatus) -> (Option<LogSummary>, Vec<String>) {
+        let mut outputs_lost = Vec::new();
+        if let Some(path) = &self.save_map {
+            match corrected_map::save(&self.robot.setup, &self.pipeline, path) {
+                Ok(()) => status.print_line(&format!("corrected map: {}", path.display())),
+                Err(error) => {
+                    outputs_lost.push(format!("cannot write {}: {error:#}", path.display()))
+                }
+            }
+        }
+        match self.pose_writer.take().map(PoseWriter::finish) {
+            Some(Err(error)) => outputs_lost.push(format!("{error:#}")),
+            Some(Ok(rows_lost @ 1..)) => status.report_log_change(&format!(
+                "{rows_lost} poses are not in the table, because the disk was too slow"
+            )),
+            Some(Ok(0)) | None => {}
+        }
+        let log = self.log.take().map(|log| {
+            let finished = log.finish();
+            match (finished.loss(), finished.error) {
+                (Some(loss), _) => outputs_lost.push(loss),
+                (None, Some(error)) => status.report_log_change(&error),
+                (None, None) => {}
+            }
+            finished.summary
+        });
+        (log, outputs_lost)
     }
 
     fn start_motion_thread(&mut self, stop: &StopFlag) -> Result<Option<JoinHandle<()>>> {

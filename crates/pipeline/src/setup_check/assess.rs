@@ -200,6 +200,7 @@ impl Trial<'_> {
                 matches!(change, Change::Field(..)) && !improvement.comparison.is_worse()
             });
         if other_fields {
+            found.extend(self.search_far_centre(variant, now));
             found.extend(self.search_size(variant, now));
             found.extend(self.search_optics(variant, now));
         }

@@ -11,6 +11,11 @@ use super::variant::SetupVariant;
 
 /// Steps of the mirror's centre, pixels.
 const CENTRE_STEPS: [f32; 4] = [4.0, 2.0, 1.0, 0.5];
+/// Range of the centre against the configured one, and the steps of its grid, pixels.
+const CENTRE_RANGE: f32 = 30.0;
+const CENTRE_GRID: f32 = 6.0;
+/// Keyframes that the grid is compared on.
+const CENTRE_KEYFRAMES: usize = 8;
 /// A smaller shift of the centre is no mistake, pixels.
 const CENTRE_MIN: f32 = 1.5;
 /// Range of the camera's height against the configured one, metres.
@@ -33,26 +38,75 @@ impl Trial<'_> {
         variant: &SetupVariant,
         now: &Explanation,
     ) -> Option<(Change, Improvement)> {
-        if self
-            .measured
-            .iter()
-            .all(|keyframe| keyframe.pixels.is_empty())
-        {
+        self.search_centre_from(variant, now, (variant, now))
+    }
+
+    /// As [`Trial::search_centre`], from the best centre of a grid, with poses of its own.
+    ///
+    /// A centre that is 20 pixels off can shift all poses onto other markings, from which no step leads back.
+    pub(super) fn search_far_centre(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+    ) -> Option<(Change, Improvement)> {
+        if !self.has_pixels() {
+            return None;
+        }
+        let start = self.best_centre(variant)?;
+        let explanation = self.explain(&start, self.measured)?;
+        self.search_centre_from(variant, now, (&start, &explanation))
+    }
+
+    fn has_pixels(&self) -> bool {
+        let mut keyframes = self.measured.iter();
+        keyframes.any(|keyframe| !keyframe.pixels.is_empty())
+    }
+
+    fn search_centre_from(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+        start: (&SetupVariant, &Explanation),
+    ) -> Option<(Change, Improvement)> {
+        if !self.has_pixels() {
             return None;
         }
         let field = Field::new(variant.field.clone()).ok()?;
         let mut tables = FieldTables::new(&field, &self.config);
+        let before = refine(&mut tables, &variant.apply(self.setup, self.measured), now);
+        let (after, explanation) = self.descend(start, &mut tables)?;
+        let [u, v] = after.centre_shift;
+        let [u0, v0] = variant.centre_shift;
+        if math::hypot(u - u0, v - v0) < CENTRE_MIN {
+            return None;
+        }
+        let comparison = compare(&before, &explanation);
+        let change = Change::Centre(after.centre_shift);
+        let improvement = Improvement {
+            change: change.clone(),
+            after,
+            explanation,
+            comparison,
+        };
+        Some((change, improvement))
+    }
+
+    /// The centre at which no step to a neighbour explains the points better, with its explanation.
+    fn descend(
+        &self,
+        (start, explanation): (&SetupVariant, &Explanation),
+        tables: &mut FieldTables,
+    ) -> Option<(SetupVariant, Explanation)> {
         let mut explain_at = |centre_shift: [f32; 2]| {
             let after = SetupVariant {
                 centre_shift,
-                ..variant.clone()
+                ..start.clone()
             };
             let keyframes = after.apply(self.setup, self.measured);
-            let explanation = refine(&mut tables, &keyframes, now);
+            let explanation = refine(tables, &keyframes, explanation);
             (explanation.cost(), after, explanation)
         };
-        let before = explain_at(variant.centre_shift);
-        let mut best = before.clone();
+        let mut best = explain_at(start.centre_shift);
         for step in CENTRE_STEPS {
             loop {
                 let [u, v] = best.1.centre_shift;
@@ -62,26 +116,38 @@ impl Trial<'_> {
                     .into_iter()
                     .min_by(|a, b| a.0.total_cmp(&b.0))?;
                 let [du, dv] = next.1.centre_shift;
-                if next.0 >= best.0 || math::hypot(du, dv) > 30.0 {
+                if next.0 >= best.0 || math::hypot(du, dv) > CENTRE_RANGE {
                     break;
                 }
                 best = next;
             }
         }
-        let [u, v] = best.1.centre_shift;
-        let [u0, v0] = variant.centre_shift;
-        if math::hypot(u - u0, v - v0) < CENTRE_MIN {
-            return None;
-        }
-        let comparison = compare(&before.2, &best.2);
-        let change = Change::Centre(best.1.centre_shift);
-        let improvement = Improvement {
-            change: change.clone(),
-            after: best.1,
-            explanation: best.2,
-            comparison,
-        };
-        Some((change, improvement))
+        let (_, after, explanation) = best;
+        Some((after, explanation))
+    }
+
+    /// The centre of a grid that explains a subset of the keyframes best, each with poses of its own.
+    fn best_centre(&self, variant: &SetupVariant) -> Option<SetupVariant> {
+        let stride = self.measured.len().div_ceil(CENTRE_KEYFRAMES).max(1);
+        let subset = thin_out(self.measured, stride);
+        let steps = (CENTRE_RANGE / CENTRE_GRID) as i32;
+        let grid = (-steps..=steps).flat_map(|u| (-steps..=steps).map(move |v| [u, v]));
+        let centres: Vec<[f32; 2]> = grid
+            .map(|node| node.map(|steps| steps as f32 * CENTRE_GRID))
+            .filter(|&[u, v]| math::hypot(u, v) <= CENTRE_RANGE)
+            .collect();
+        let costs: Vec<(f32, SetupVariant)> = centres
+            .into_par_iter()
+            .filter_map(|centre_shift| {
+                let after = SetupVariant {
+                    centre_shift,
+                    ..variant.clone()
+                };
+                Some((self.explain(&after, &subset)?.cost(), after))
+            })
+            .collect();
+        let best = costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map(|(_, after)| after)
     }
 
     /// The best height and the best focal length, each alone. Empty unless the map was traced from a mirror's profile.

@@ -1,7 +1,7 @@
 //! The ground map: for each pixel its ground point, traced from a mirror profile or calibrated.
 
 use std::fs::File;
-use std::io::{BufReader, Cursor, Read, Seek, Write};
+use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 
 use localize::frames::{At, RobotFrame};
