@@ -3,7 +3,7 @@
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use vision::calibrate::strip::BarColour;
+use vision::calibrate::strip_target::BarColour;
 use vision::calibrate::{
     ImageResidual, NamedImage, Strip, StripImage, calibrate_lines as lines, calibrate_mask as mask,
     calibrate_sizes as sizes, calibrate_strip as strip, learn_colours as colours,

@@ -1,99 +1,19 @@
 //! How is a CSV file of a recording read and written? By column name. Errors name file, line and reason.
 
-use std::cell::{Cell, RefCell};
-use std::fs::File;
-use std::io::{Error, ErrorKind, Read, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use localize::input_file;
 use vision::output_file::OutputFile;
 
-/// Largest table, bytes: four hours of wheels at 1 kHz.
-const TABLE_BYTES_MAX: u64 = 1 << 30;
-
-/// First byte of a line that is a comment.
-const COMMENT: u8 = b'#';
-
-/// Longest record, bytes: an open quotation mark makes one record of all that follows.
-const RECORD_BYTES_MAX: usize = 1 << 20;
+use crate::table_input::{COMMENT, ReadingProgress, TableInput};
 
 /// A CSV file in memory: its rows with their line numbers.
 pub struct CsvTable {
     path: PathBuf,
     columns: Vec<String>,
     rows: Vec<(u64, csv::StringRecord)>,
-}
-
-/// A table's file, which ends with an error where it or one of its records is too long.
-struct LimitedInput {
-    file: File,
-    bytes: u64,
-    /// Bytes since the reader's last complete record; the reader buffers some more.
-    since_record: Rc<Cell<usize>>,
-    lines: Rc<RefCell<RecordLines>>,
-}
-
-/// Numbers of the lines that hold records: not the empty ones and the comments, which the CSV reader skips without counting
-/// them for the record behind them.
-struct RecordLines {
-    numbers: Vec<u32>,
-    current: u32,
-    last_byte: u8,
-}
-
-impl RecordLines {
-    fn new() -> Self {
-        RecordLines {
-            numbers: Vec::new(),
-            current: 0,
-            last_byte: b'\n',
-        }
-    }
-
-    fn add(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            let is_first = matches!(self.last_byte, b'\n' | b'\r');
-            let ends_pair = self.last_byte == b'\r' && byte == b'\n';
-            if is_first && !ends_pair {
-                self.current = self.current.saturating_add(1);
-                if !matches!(byte, COMMENT | b'\n' | b'\r') {
-                    self.numbers.push(self.current);
-                }
-            }
-            self.last_byte = byte;
-        }
-    }
-
-    /// Line of a record, the header counted as 0.
-    fn of_record(&self, index: usize) -> u64 {
-        self.numbers
-            .get(index)
-            .copied()
-            .unwrap_or(self.current)
-            .into()
-    }
-}
-
-impl Read for LimitedInput {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        let read = self.file.read(buffer)?;
-        self.lines.borrow_mut().add(&buffer[..read]);
-        self.bytes += read as u64;
-        self.since_record.set(self.since_record.get() + read);
-        let too_long = |what: &str, most: u64| {
-            let reason = format!("{what} is longer than {most} bytes");
-            Err(Error::new(ErrorKind::InvalidData, reason))
-        };
-        if self.bytes > TABLE_BYTES_MAX {
-            return too_long("the table", TABLE_BYTES_MAX);
-        }
-        if self.since_record.get() > RECORD_BYTES_MAX {
-            return too_long("a record", RECORD_BYTES_MAX as u64);
-        }
-        Ok(read)
-    }
 }
 
 /// One row of a table, read by column name.
@@ -109,26 +29,20 @@ impl CsvTable {
     pub fn read(path: &Path, required: &[&str]) -> Result<Self> {
         let file =
             input_file::open(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let since_record = Rc::default();
-        let lines = Rc::new(RefCell::new(RecordLines::new()));
-        let input = LimitedInput {
-            file,
-            bytes: 0,
-            since_record: Rc::clone(&since_record),
-            lines: Rc::clone(&lines),
-        };
+        let progress = ReadingProgress::new();
+        let input = TableInput::new(file, progress.clone());
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::Headers)
             .comment(Some(COMMENT))
             .from_reader(input);
         let location = |index: usize| {
-            let line = lines.borrow().of_record(index);
+            let line = progress.line_of_record(index);
             format!("{}: line {line}", path.display())
         };
         let header = reader
             .headers()
             .map_err(|error| anyhow!("{}: {}", location(0), reason(&error)))?;
-        since_record.set(0);
+        progress.end_record();
         let columns: Vec<String> = header
             .iter()
             .map(|name| name.trim_start_matches('\u{feff}').to_owned())
@@ -146,7 +60,7 @@ impl CsvTable {
         for (index, record) in reader.records().enumerate() {
             let mut record =
                 record.map_err(|error| anyhow!("{}: {}", location(index + 1), reason(&error)))?;
-            since_record.set(0);
+            progress.end_record();
             // No column holds text of several lines: the rows that it swallowed would be missing without a word.
             ensure!(
                 !record.iter().any(|field| field.contains(['\n', '\r'])),
@@ -154,7 +68,7 @@ impl CsvTable {
                 location(index + 1)
             );
             record.trim();
-            rows.push((lines.borrow().of_record(index + 1), record));
+            rows.push((progress.line_of_record(index + 1), record));
         }
         Ok(CsvTable {
             path: path.to_owned(),

@@ -20,6 +20,7 @@ mod repeated_images;
 pub mod rim;
 pub mod strip;
 mod strip_edges;
+pub mod strip_target;
 pub mod unknown_mirror;
 
 pub use apparent_size::{SizeBin, SizeCalibration, calibrate_sizes};
@@ -30,7 +31,8 @@ pub use lines::{LinesCalibration, NamedImage};
 pub use mask::calibrate_mask;
 pub use mount_fit::{MountFit, fit_mount};
 pub use rim::{Rim, RimError, find_rim};
-pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
+pub use strip::{StripCalibration, StripImage, calibrate_strip};
+pub use strip_target::Strip;
 pub use unknown_mirror::{UnknownMirror, calibrate_unknown_mirror};
 
 /// A ground point with its image position.
