@@ -105,6 +105,8 @@ def test_log_of_killed_run_is_recovered_and_verifies(log: Path, tmp_path: Path) 
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     arguments: list[str | Path] = [PROGRAM, "sim", SCENARIO, "--seed", "3", "--duration", "600", "--record", cut]
     with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
+        # A simulation's log gets its name when it is complete.
+        cut = tmp_path / f"cut.mcap.{running.pid}.part"
         while running.poll() is None and (not cut.exists() or cut.stat().st_size < 3_000_000):
             time.sleep(0.05)
         os.kill(running.pid, signal.SIGKILL)

@@ -193,7 +193,8 @@ def calibrate_lines(
 ) -> tuple[GroundMap, float, float, list[Residual]]:
     """The ground map from images anywhere on the field, without a strip; `start` may be a fifth off.
 
-    Gives the map, its residual in metres, the share of line points on markings, and each image's residual.
+    Gives the map, its residual in metres, the share of line points on markings, and each image's residual. ValueError: too few
+    different images, images of another field, or images that do not decide the map.
     """
     found, rms_m, share, images_found = _core.calibrate_lines(
         camera=camera, start=_load_map(start), field=field, images=images, settings=settings

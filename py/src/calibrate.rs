@@ -3,7 +3,7 @@
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use vision::calibrate::strip::BarColour;
+use vision::calibrate::strip_target::BarColour;
 use vision::calibrate::{
     ImageResidual, NamedImage, Strip, StripImage, calibrate_lines as lines, calibrate_mask as mask,
     calibrate_sizes as sizes, calibrate_strip as strip, learn_colours as colours,
@@ -109,7 +109,7 @@ pub(crate) fn calibrate_lines(
     let config = parse_vision_config(settings)?;
     let images = drive(images)?;
     let found = py
-        .detach(|| lines(camera, &start, field, &images, &config))
+        .detach(|| lines(camera, &start, field, &[], &images, &config))
         .map_err(|error| errors::calibration(&error))?;
     let map = GroundMap::of(py, found.map)?;
     Ok((map, found.rms, found.inlier_share, residuals(found.images)))

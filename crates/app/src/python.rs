@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use mirrorball_py::_core;
-use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyValueError};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyValueError};
 use pyo3::ffi;
 use pyo3::prelude::*;
 
@@ -200,6 +200,9 @@ pub(crate) fn explain_error(py: Python<'_>, error: &PyErr) -> anyhow::Error {
         && let (Some(file), Some(reason)) = (attribute("filename"), attribute("strerror"))
     {
         return anyhow!("cannot use {file}: {reason}");
+    }
+    if error.is_instance_of::<PyMemoryError>(py) {
+        return anyhow!("not enough memory: {value}");
     }
     let expected =
         error.is_instance_of::<PyValueError>(py) || error.is_instance_of::<PyOSError>(py);

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
+use toml::de::{DeTable, DeValue};
 
 use crate::input_file;
 
@@ -24,6 +25,24 @@ pub enum TomlFileError {
         path: PathBuf,
         /// Line and reason.
         source: Box<toml::de::Error>,
+    },
+    /// The file says nothing, and something is needed.
+    #[error("{}: an empty file: {reason}", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
+    /// A number that would become infinite.
+    #[error("{}: line {line}: {number} is too large a number", path.display())]
+    Number {
+        /// The file.
+        path: PathBuf,
+        /// Counted from 1.
+        line: usize,
+        /// As the file has it.
+        number: String,
     },
 }
 
@@ -48,6 +67,95 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<(T, String), TomlFileErr
         path: path.to_owned(),
         source,
     })?;
-    let value = toml::from_str(&text).map_err(|source| TomlFileError::parse(path, source))?;
+    let value = parse(path, &text)?;
     Ok((value, text))
+}
+
+/// The value in `text`, the content of the file `path`.
+pub fn parse<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, TomlFileError> {
+    // Invalid TOML is refused below, with a better message.
+    let numbers = DeTable::parse(text).ok();
+    let too_large = numbers.and_then(|document| {
+        document
+            .get_ref()
+            .values()
+            .find_map(|value| too_large_number(value.get_ref(), value.span().start))
+    });
+    if let Some((start, number)) = too_large {
+        return Err(TomlFileError::Number {
+            path: path.to_owned(),
+            line: 1 + text[..start].matches('\n').count(),
+            number,
+        });
+    }
+    toml::from_str(text).map_err(|source| match text.parse::<toml::Table>() {
+        Ok(table) if table.is_empty() => TomlFileError::Empty {
+            path: path.to_owned(),
+            reason: source.message().to_owned(),
+        },
+        _ => TomlFileError::parse(path, source),
+    })
+}
+
+/// A number in a value that starts at `start` which has no place in 32 bits, with its own start. It would become infinite.
+fn too_large_number(value: &DeValue<'_>, start: usize) -> Option<(usize, String)> {
+    match value {
+        DeValue::Float(float) => {
+            let text = float.as_str();
+            let number: f64 = text.parse().ok()?;
+            let is_finite = !text.contains("inf") && !number.is_nan();
+            (is_finite && number.abs() > f64::from(f32::MAX)).then(|| (start, text.to_owned()))
+        }
+        DeValue::Array(values) => values
+            .iter()
+            .find_map(|value| too_large_number(value.get_ref(), value.span().start)),
+        DeValue::Table(table) => table
+            .values()
+            .find_map(|value| too_large_number(value.get_ref(), value.span().start)),
+        DeValue::String(_) | DeValue::Integer(_) | DeValue::Boolean(_) | DeValue::Datetime(_) => {
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn empty_file_is_named_as_one_where_something_is_needed() {
+        #[derive(Debug, serde::Deserialize)]
+        struct Needs {
+            #[serde(rename = "robot")]
+            _robot: String,
+        }
+        for text in ["", "# nothing\n\n"] {
+            let message = parse::<Needs>(Path::new("a.toml"), text).expect_err("nothing in it");
+            let wanted = "a.toml: an empty file: missing field `robot`";
+            assert_eq!(message.to_string(), wanted);
+            parse::<toml::Table>(Path::new("a.toml"), text).expect("nothing is needed");
+        }
+        let message = parse::<Needs>(Path::new("a.toml"), "a = 1").expect_err("no robot");
+        assert!(!message.to_string().contains("empty"), "{message}");
+    }
+
+    #[test]
+    fn number_that_would_become_infinite_is_refused_as_it_is_written() {
+        for (text, line) in [
+            ("a = 1\nb = 1e300\n", 2),
+            ("[c]\n\nd = [1.0, { e = -1e39 }]\n", 3),
+            ("a = 1e400\n", 1),
+        ] {
+            let parsed = parse::<toml::Table>(Path::new("robot.toml"), text);
+            let message = parsed.expect_err("refused").to_string();
+            assert!(
+                message.starts_with(&format!("robot.toml: line {line}: "))
+                    && message.ends_with("is too large a number"),
+                "{message}"
+            );
+        }
+        for text in ["a = 3e38", "a = inf", "a = nan", "a = 9223372036854775807"] {
+            parse::<toml::Table>(Path::new("robot.toml"), text).expect(text);
+        }
+    }
 }

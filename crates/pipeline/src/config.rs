@@ -4,8 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result, anyhow};
 use localize::config::{LocalizeConfig, SettingError};
-use localize::input_file;
 use localize::team::TeamConfig;
+use localize::toml_file;
 use localize::toml_location::key_location;
 use localize::world::WorldConfig;
 use schemars::JsonSchema;
@@ -57,10 +57,8 @@ impl PipelineConfig {
         let Some(path) = overlay else {
             return Ok(base);
         };
-        let text = input_file::read_text(path)
-            .with_context(|| format!("cannot read {}", path.display()))?;
         let file = path.display();
-        let overlay: toml::Table = toml::from_str(&text).with_context(|| file.to_string())?;
+        let (overlay, text): (toml::Table, _) = toml_file::read(path)?;
         renamed_keys::refuse_renamed(&overlay, Some((path, &text)))?;
         // Alone first: an unknown key or a wrong type is named with its line.
         PipelineConfig::parse(&text).with_context(|| file.to_string())?;

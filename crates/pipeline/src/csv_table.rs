@@ -1,53 +1,19 @@
 //! How is a CSV file of a recording read and written? By column name. Errors name file, line and reason.
 
-use std::cell::Cell;
-use std::fs::File;
-use std::io::{Error, ErrorKind, Read, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use localize::input_file;
 use vision::output_file::OutputFile;
 
-/// Largest table, bytes: four hours of wheels at 1 kHz.
-const TABLE_BYTES_MAX: u64 = 1 << 30;
-
-/// Longest record, bytes: an open quotation mark makes one record of all that follows.
-const RECORD_BYTES_MAX: usize = 1 << 20;
+use crate::table_input::{COMMENT, ReadingProgress, TableInput};
 
 /// A CSV file in memory: its rows with their line numbers.
 pub struct CsvTable {
     path: PathBuf,
     columns: Vec<String>,
     rows: Vec<(u64, csv::StringRecord)>,
-}
-
-/// A table's file, which ends with an error where it or one of its records is too long.
-struct LimitedInput {
-    file: File,
-    bytes: u64,
-    /// Bytes since the reader's last complete record; the reader buffers some more.
-    since_record: Rc<Cell<usize>>,
-}
-
-impl Read for LimitedInput {
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        let read = self.file.read(buffer)?;
-        self.bytes += read as u64;
-        self.since_record.set(self.since_record.get() + read);
-        let too_long = |what: &str, most: u64| {
-            let reason = format!("{what} is longer than {most} bytes");
-            Err(Error::new(ErrorKind::InvalidData, reason))
-        };
-        if self.bytes > TABLE_BYTES_MAX {
-            return too_long("the table", TABLE_BYTES_MAX);
-        }
-        if self.since_record.get() > RECORD_BYTES_MAX {
-            return too_long("a record", RECORD_BYTES_MAX as u64);
-        }
-        Ok(read)
-    }
 }
 
 /// One row of a table, read by column name.
@@ -63,20 +29,20 @@ impl CsvTable {
     pub fn read(path: &Path, required: &[&str]) -> Result<Self> {
         let file =
             input_file::open(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let since_record = Rc::default();
-        let input = LimitedInput {
-            file,
-            bytes: 0,
-            since_record: Rc::clone(&since_record),
-        };
+        let progress = ReadingProgress::new();
+        let input = TableInput::new(file, progress.clone());
         let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .comment(Some(b'#'))
+            .trim(csv::Trim::Headers)
+            .comment(Some(COMMENT))
             .from_reader(input);
+        let location = |index: usize| {
+            let line = progress.line_of_record(index);
+            format!("{}: line {line}", path.display())
+        };
         let header = reader
             .headers()
-            .map_err(|error| anyhow::anyhow!("{}: line 1: {}", path.display(), reason(&error)))?;
-        since_record.set(0);
+            .map_err(|error| anyhow!("{}: {}", location(0), reason(&error)))?;
+        progress.end_record();
         let columns: Vec<String> = header
             .iter()
             .map(|name| name.trim_start_matches('\u{feff}').to_owned())
@@ -84,20 +50,25 @@ impl CsvTable {
         for name in required {
             if !columns.iter().any(|column| column == name) {
                 bail!(
-                    "{}: line 1: no column {name} (found {})",
-                    path.display(),
+                    "{}: no column {name} (found {})",
+                    location(0),
                     columns.join(",")
                 );
             }
         }
         let mut rows = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(|error| {
-                let line = error.position().map_or(0, csv::Position::line);
-                anyhow::anyhow!("{}: line {line}: {}", path.display(), reason(&error))
-            })?;
-            since_record.set(0);
-            rows.push((record.position().map_or(0, csv::Position::line), record));
+        for (index, record) in reader.records().enumerate() {
+            let mut record =
+                record.map_err(|error| anyhow!("{}: {}", location(index + 1), reason(&error)))?;
+            progress.end_record();
+            // No column holds text of several lines: the rows that it swallowed would be missing without a word.
+            ensure!(
+                !record.iter().any(|field| field.contains(['\n', '\r'])),
+                "{}: a quotation mark that is not closed on its line",
+                location(index + 1)
+            );
+            record.trim();
+            rows.push((progress.line_of_record(index + 1), record));
         }
         Ok(CsvTable {
             path: path.to_owned(),
@@ -148,6 +119,12 @@ impl<'a> CsvRow<'a> {
         ensure!(
             value.is_finite(),
             "{}: {column} = {text} is not finite",
+            self.location()
+        );
+        // Most columns become numbers of 32 bits.
+        ensure!(
+            value.abs() <= f64::from(f32::MAX),
+            "{}: {column} = {text} is too large a number",
             self.location()
         );
         Ok(value)
@@ -239,6 +216,14 @@ mod tests {
     }
 
     #[test]
+    fn empty_lines_and_comments_count_as_lines() {
+        let (_folder, path) = file("# drive\nstamp_s,dx_m\n\n# rest\n0.0,0.1\r\n\r\n0.1,fast\n");
+        let table = CsvTable::read(&path, &["stamp_s"]).expect("a table");
+        let lines: Vec<_> = table.rows().map(|row| row.line).collect();
+        assert_eq!(lines, [5, 7]);
+    }
+
+    #[test]
     fn short_row_is_reported_with_its_line() {
         let (_folder, path) = file("stamp_s,dx_m\n0.0,0.1\n0.1\n");
         let message = CsvTable::read(&path, &["stamp_s"])
@@ -247,6 +232,47 @@ mod tests {
             .to_string();
         assert!(
             message.contains("line 3: has 1 fields, the header has 2"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn quotation_mark_that_swallows_rows_is_reported_with_its_line() {
+        for (text, line) in [
+            ("stamp_s,file\n0.0,a.png\n0.1,\"b.png\n0.2,c.png\n", 3),
+            (
+                "stamp_s,file\n# note\n\n0.0,\"a.png\n0.1,b.png\"\n0.2,c.png\n",
+                4,
+            ),
+            ("stamp_s,file\n0.0,a.png\n0.1,\"b.png\n", 3),
+            (
+                "# a\r\n\r\nstamp_s,file\r\n# b\r\n0.0,a.png\r\n0.1,\"b.png\r\n",
+                6,
+            ),
+        ] {
+            let (_folder, path) = file(text);
+            let read = CsvTable::read(&path, &["stamp_s", "file"]);
+            let message = read.err().expect("swallowed").to_string();
+            let wanted = format!("line {line}: a quotation mark that is not closed on its line");
+            assert!(message.ends_with(&wanted), "{message}");
+        }
+        let (_folder, path) = file("stamp_s,file\r\n0.0,\"a,b.png\"\r\n 0.1 , c.png \r\n");
+        let table = CsvTable::read(&path, &["stamp_s", "file"]).expect("a table");
+        let files: Vec<_> = table
+            .rows()
+            .map(|row| row.text("file").expect("text"))
+            .collect();
+        assert_eq!(files, ["a,b.png", "c.png"]);
+    }
+
+    #[test]
+    fn number_beyond_32_bits_is_refused_as_it_is_written() {
+        let (_folder, path) = file("stamp_s,dx_m\n0.0,1e300\n");
+        let table = CsvTable::read(&path, &["stamp_s"]).expect("a table");
+        let row = table.rows().next().expect("a row");
+        let message = row.number("dx_m").expect_err("too large").to_string();
+        assert!(
+            message.ends_with("line 2: dx_m = 1e300 is too large a number"),
             "{message}"
         );
     }

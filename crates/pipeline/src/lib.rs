@@ -21,6 +21,7 @@ pub mod cycle;
 mod interlace;
 pub mod observations;
 pub mod pipeline;
+mod table_input;
 mod warm_start;
 
 pub mod feed;

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use vision::output_file::create_part;
 
 /// A folder that gets its name when it is complete, and is removed if it never is.
 #[derive(Debug)]
@@ -12,7 +13,7 @@ pub struct PartialFolder {
 }
 
 impl PartialFolder {
-    /// Creates `target` with `.part` behind its name; the rest of an earlier attempt is replaced.
+    /// Creates a folder beside `target`, with a name of this process alone.
     ///
     /// An existing target must be an empty folder.
     pub fn create(target: &Path) -> Result<Self> {
@@ -25,17 +26,10 @@ impl PartialFolder {
             "{} exists and is not an empty folder: name another",
             target.display()
         );
-        let mut name = target
-            .file_name()
-            .context("the folder has no name")?
-            .to_owned();
-        name.push(".part");
-        let path = target.with_file_name(name);
-        let context = || format!("cannot write {}", path.display());
-        if path.exists() {
-            std::fs::remove_dir_all(&path).with_context(context)?;
-        }
-        std::fs::create_dir_all(&path).with_context(context)?;
+        let parent = target.parent().unwrap_or(Path::new(""));
+        let created = std::fs::create_dir_all(parent)
+            .and_then(|()| create_part(target, |part| std::fs::create_dir(part)));
+        let (path, ()) = created.with_context(|| format!("cannot write {}", target.display()))?;
         Ok(PartialFolder {
             path,
             target: target.to_owned(),
@@ -88,5 +82,15 @@ mod tests {
         complete.finish().expect("renamed");
         assert_eq!(names(), ["drive"]);
         PartialFolder::create(&target).expect_err("taken");
+
+        let other = place.path().join("other");
+        let [first, second] = [(), ()].map(|()| PartialFolder::create(&other).expect("created"));
+        for (folder, text) in [(&first, "first"), (&second, "second")] {
+            std::fs::write(folder.path().join("a.csv"), text).expect("written");
+        }
+        first.finish().expect("renamed");
+        second.finish().expect_err("taken meanwhile");
+        let table = std::fs::read(other.join("a.csv")).expect("there");
+        assert_eq!(table, b"first");
     }
 }

@@ -322,7 +322,7 @@ pub struct RecordingSummary {
     /// Scores of the poses.
     #[serde(flatten)]
     pub summary: Summary,
-    /// Sentences about a doubtful set-up; empty when all is well.
+    /// Sentences about a doubtful set-up, and about a recording without a pose; empty when all is well.
     pub warnings: Vec<String>,
     /// How well the set-up fits. None for too few frames.
     pub setup: Option<FitFigures>,
@@ -440,17 +440,31 @@ impl RecordingRun {
             corrected_map::save(&setup, &pipeline, &path)?;
         }
         let summary = statistics.summary();
+        let mut warnings = report.warnings;
+        warnings.extend(nothing_located(&summary));
         let coverage = pipeline.scan_coverage();
         Ok(RecordingSummary {
             scan_pixels: coverage.map(|(pixels, _)| pixels),
             scan_share: coverage.map(|(_, share)| share),
             detections: detections.summary(),
-            warnings: report.warnings,
+            warnings,
             setup: report.figures,
             labelled_objects,
             summary,
         })
     }
+}
+
+/// A warning if frames could be used and none has a pose.
+fn nothing_located(summary: &Summary) -> Option<String> {
+    let usable = summary.frames - summary.unreadable.min(summary.frames);
+    let is_lost = usable > 0 && summary.tracking + summary.global == 0;
+    is_lost.then(|| {
+        format!(
+            "no pose in any of {usable} frames: the column reason of the poses says why. The field, the camera's mount or the \
+             map may be wrong"
+        )
+    })
 }
 
 /// Fails if no frame of a recording could be used.

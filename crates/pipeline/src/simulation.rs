@@ -8,10 +8,10 @@ use std::thread::JoinHandle;
 use anyhow::{Context, Result};
 use localize::Field;
 use localize::advice::{Advice, MotionAdvice};
-use localize::input_file;
 use localize::omni::Twist;
 use localize::robot::CameraControl;
 use localize::robot::RobotConfig;
+use localize::toml_file;
 use sim::scenario::PathConfig;
 use sim::{Scenario, SimSample, Simulator};
 use vision::exposure::ExposureCommand;
@@ -247,10 +247,7 @@ pub fn load_scenario_with_overrides(
         scenario.seed = seed.unwrap_or(scenario.seed);
         return Ok((scenario, robot));
     }
-    let text =
-        input_file::read_text(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let mut table: toml::Table =
-        toml::from_str(&text).with_context(|| path.display().to_string())?;
+    let (mut table, _): (toml::Table, _) = toml_file::read(path)?;
     merge_tables(&mut table, overrides.clone());
     if let Some(seed) = seed {
         let seed = i64::try_from(seed)

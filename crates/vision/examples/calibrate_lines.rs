@@ -34,6 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         &robot.camera,
         &start,
         &field,
+        &[],
         &images,
         &VisionConfig::default(),
     )?;

@@ -1,52 +1,81 @@
 //! How does an output get its name only when it is complete? Written beside it, flushed, checked, then renamed.
 
 use std::fs::File;
-use std::io::{BufWriter, Result, Seek, SeekFrom, Write};
+use std::io::{BufWriter, Error, ErrorKind, Result, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+
+/// Most unfinished files of one name that this process and killed ones of its number leave.
+const PARTS_MAX: u32 = 10_000;
+
+/// A name that a file gets when it is complete. Until then its content has a name of this process alone.
+///
+/// Several processes that write one output therefore never mix: the last one to complete it wins. Dropping it without
+/// [`PendingName::give`] removes the content and leaves an earlier file as it was.
+#[derive(Debug)]
+pub struct PendingName {
+    path: PathBuf,
+    /// The unfinished file. None for a pipe or device, and after the file has its name.
+    part: Option<PathBuf>,
+}
+
+impl PendingName {
+    /// Creates an empty file beside `path`. Links are followed. Pipes and devices are opened themselves.
+    pub fn create(path: &Path) -> Result<(Self, File)> {
+        let path = path
+            .canonicalize()
+            .unwrap_or_else(|_: std::io::Error| path.to_owned());
+        if path.exists() && !path.is_file() {
+            let file = std::fs::OpenOptions::new().write(true).open(&path)?;
+            return Ok((PendingName { path, part: None }, file));
+        }
+        let (part, file) = create_part(&path, |part| File::create_new(part))?;
+        let part = Some(part);
+        Ok((PendingName { path, part }, file))
+    }
+
+    /// Passes the content to the disk and gives it its name.
+    pub fn give(mut self) -> Result<()> {
+        let Some(part) = &self.part else {
+            return Ok(());
+        };
+        // Some file systems report a full disk only here.
+        File::open(part)?.sync_all()?;
+        std::fs::rename(part, &self.path)?;
+        self.part = None;
+        Ok(())
+    }
+}
+
+impl Drop for PendingName {
+    fn drop(&mut self) {
+        // The first error is reported. Failure to remove the part is ignored: it has a visible name.
+        if let Some(part) = &self.part {
+            let _ = std::fs::remove_file(part);
+        }
+    }
+}
 
 /// A file that replaces an earlier one of its name when it is complete.
 ///
-/// Until then its content is in `NAME.part` in the same folder. A failure removes that part and leaves an earlier file as
-/// it was. Links are followed. Pipes and devices are written directly.
+/// Until then its content is in `NAME.PROCESS.part` in the same folder. A failure removes that part and leaves an earlier
+/// file as it was. Links are followed. Pipes and devices are written directly.
 pub struct OutputFile {
-    path: PathBuf,
-    /// The unfinished file. None for a pipe or device.
-    part: Option<PathBuf>,
     out: BufWriter<File>,
+    name: PendingName,
 }
 
 impl OutputFile {
     /// Starts the file. Errors if the folder does not exist or cannot be written.
     pub fn create(path: &Path) -> Result<Self> {
-        let path = path
-            .canonicalize()
-            .unwrap_or_else(|_: std::io::Error| path.to_owned());
-        let is_stream = path.exists() && !path.is_file();
-        let (part, file) = if is_stream {
-            (None, std::fs::OpenOptions::new().write(true).open(&path)?)
-        } else {
-            let part = part_of(&path)?;
-            let file = File::create(&part)?;
-            (Some(part), file)
-        };
-        Ok(OutputFile {
-            path,
-            part,
-            out: BufWriter::new(file),
-        })
+        let (name, file) = PendingName::create(path)?;
+        let out = BufWriter::new(file);
+        Ok(OutputFile { out, name })
     }
 
     /// Completes the file: passes everything to the disk, then gives it its name.
     pub fn finish(mut self) -> Result<()> {
         self.out.flush()?;
-        let Some(part) = &self.part else {
-            return Ok(());
-        };
-        // Some file systems report a full disk only here.
-        self.out.get_ref().sync_all()?;
-        std::fs::rename(part, &self.path)?;
-        self.part = None;
-        Ok(())
+        self.name.give()
     }
 }
 
@@ -66,15 +95,6 @@ impl Seek for OutputFile {
     }
 }
 
-impl Drop for OutputFile {
-    fn drop(&mut self) {
-        // The first error is reported. Failure to remove the part is ignored: it has a visible name.
-        if let Some(part) = &self.part {
-            let _ = std::fs::remove_file(part);
-        }
-    }
-}
-
 /// Writes a whole file. After a failure an earlier file of that name is unchanged.
 pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     let mut file = OutputFile::create(path)?;
@@ -82,14 +102,29 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     file.finish()
 }
 
-/// NAME.part in the same folder, so that renaming stays on one disk.
-fn part_of(path: &Path) -> Result<PathBuf> {
-    let mut name = path
+/// Creates a file or folder with an unused name of this process in the folder of `path`, so that renaming stays on one disk.
+///
+/// `create` fails on an existing name. A killed process of the same number may have left one.
+pub fn create_part<T>(path: &Path, create: impl Fn(&Path) -> Result<T>) -> Result<(PathBuf, T)> {
+    let name = path
         .file_name()
-        .ok_or_else(|| std::io::Error::other(format!("{} names no file", path.display())))?
-        .to_owned();
-    name.push(".part");
-    Ok(path.with_file_name(name))
+        .ok_or_else(|| Error::other(format!("{} names no file", path.display())))?;
+    let process = std::process::id();
+    for number in 0..PARTS_MAX {
+        let mut part = name.to_owned();
+        part.push(match number {
+            0 => format!(".{process}.part"),
+            _ => format!(".{process}-{number}.part"),
+        });
+        let part = path.with_file_name(part);
+        match create(&part) {
+            Ok(created) => return Ok((part, created)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+        }
+    }
+    let rest = format!("too many unfinished files {}.*.part", path.display());
+    Err(Error::other(rest))
 }
 
 #[cfg(test)]
@@ -118,13 +153,42 @@ mod tests {
         write_file(&path, "first").expect("written");
         let mut second = OutputFile::create(&path).expect("started");
         second.write_all(b"sec").expect("written");
-        assert_eq!(names(folder.path()), ["map.npz", "map.npz.part"]);
+        let part = format!("map.npz.{}.part", std::process::id());
+        assert_eq!(names(folder.path()), ["map.npz", &part]);
         assert_eq!(std::fs::read(&path).expect("readable"), b"first");
         drop(second);
         assert_eq!(names(folder.path()), ["map.npz"]);
         write_file(&path, "third").expect("written");
         assert_eq!(std::fs::read(&path).expect("readable"), b"third");
         assert_eq!(names(folder.path()), ["map.npz"]);
+    }
+
+    #[test]
+    fn outputs_of_one_name_do_not_mix_and_the_last_one_wins() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("poses.csv");
+        let mut first = OutputFile::create(&path).expect("started");
+        let mut second = OutputFile::create(&path).expect("started");
+        first.write_all(b"the first output").expect("written");
+        second.write_all(b"the second").expect("written");
+        first.finish().expect("complete");
+        assert_eq!(std::fs::read(&path).expect("there"), b"the first output");
+        second.finish().expect("complete");
+        assert_eq!(std::fs::read(&path).expect("there"), b"the second");
+        assert_eq!(names(folder.path()), ["poses.csv"]);
+    }
+
+    #[test]
+    fn part_that_a_killed_process_left_is_not_touched() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("poses.csv");
+        let left = folder
+            .path()
+            .join(format!("poses.csv.{}.part", std::process::id()));
+        std::fs::write(&left, "of a killed process").expect("written");
+        write_file(&path, "whole").expect("written");
+        assert_eq!(std::fs::read(&left).expect("there"), b"of a killed process");
+        assert_eq!(std::fs::read(&path).expect("there"), b"whole");
     }
 
     #[test]

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use localize::Field;
+use localize::field::FieldConfig;
 use localize::robot::CameraConfig;
-use vision::calibrate::{CalibrationError, NamedImage, calibrate_lines};
+use vision::calibrate::{CalibrationError, LinesCalibration, NamedImage, calibrate_lines};
 use vision::{GroundMap, Image, VisionConfig};
 
 #[derive(serde::Deserialize)]
@@ -35,6 +36,31 @@ fn images(numbers: impl Iterator<Item = usize>) -> Vec<NamedImage> {
         .collect()
 }
 
+fn calibrate(
+    start: &GroundMap,
+    field: &Field,
+    others: &[(String, Field)],
+    images: &[NamedImage],
+) -> Result<LinesCalibration, CalibrationError> {
+    let config = VisionConfig::default();
+    calibrate_lines(&camera(), start, field, others, images, &config)
+}
+
+fn exact_map() -> GroundMap {
+    GroundMap::load(&folder("calibration").join("exact_map.npz")).expect("a map")
+}
+
+/// The field of the images with other sides, metres.
+fn field_of(length: f32, width: f32) -> Field {
+    let right = Field::load(&folder("sequence").join("field.toml")).expect("a field");
+    let config = FieldConfig {
+        length,
+        width,
+        ..right.config
+    };
+    Field::new(config).expect("a field")
+}
+
 fn median_map_error(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
     let mut offs: Vec<f32> = (0..exact.height_px)
         .flat_map(|v| (0..exact.width_px).map(move |u| (u, v)))
@@ -59,8 +85,7 @@ fn line_calibration_corrects_a_20_percent_range_error() {
         ..exact.clone()
     };
     let images = images((0..20).step_by(2));
-    let found = calibrate_lines(&camera(), &start, &field, &images, &VisionConfig::default())
-        .expect("a map");
+    let found = calibrate(&start, &field, &[], &images).expect("a map");
     let (near, far) = (
         median_map_error(&found.map, &exact, 0.0, 3.0),
         median_map_error(&found.map, &exact, 3.0, 5.0),
@@ -81,10 +106,45 @@ fn images_without_lines_are_named_in_the_error() {
             .chunks_exact_mut(3)
             .for_each(|pixel| pixel.copy_from_slice(&[60, 140, 80]));
     }
-    let refused = calibrate_lines(&camera(), &exact, &field, &images, &VisionConfig::default());
+    let refused = calibrate(&exact, &field, &[], &images);
     let message = match refused {
         Err(error @ CalibrationError::TooFewImages { .. }) => error.to_string(),
         other => panic!("{other:?}"),
     };
     assert!(message.contains("frames/000.jpg"), "{message}");
+}
+
+#[test]
+fn map_of_a_field_of_other_sides_is_refused() {
+    let images = images(0..20);
+    let refused = calibrate(&exact_map(), &field_of(14.0, 9.0), &[], &images);
+    let message = refused.expect_err("another field").to_string();
+    assert!(
+        message.starts_with("the images do not show this field: 66 %"),
+        "{message}"
+    );
+    // The markings of a larger field can be bent to most of the points: the right one is named.
+    let right = [("right.toml".to_owned(), field_of(18.0, 12.0))];
+    let refused = calibrate(&exact_map(), &field_of(22.0, 14.0), &right, &images);
+    let message = refused.expect_err("another field").to_string();
+    assert!(message.contains("right.toml fits better"), "{message}");
+    let larger = [("larger.toml".to_owned(), field_of(22.0, 14.0))];
+    calibrate(&exact_map(), &field_of(18.0, 12.0), &larger, &images).expect("the right field");
+}
+
+#[test]
+fn copies_of_an_image_count_once() {
+    let field = field_of(18.0, 12.0);
+    let mut copies = images((0..3).cycle().take(20));
+    for (number, copy) in copies.iter_mut().enumerate() {
+        copy.name = format!("copy {number}");
+    }
+    let message = match calibrate(&exact_map(), &field, &[], &copies) {
+        Err(error @ CalibrationError::TooFewImages { used: 3, .. }) => error.to_string(),
+        other => panic!("{other:?}"),
+    };
+    assert!(
+        message.contains("copy 3: the same picture as copy 0"),
+        "{message}"
+    );
 }

@@ -17,10 +17,14 @@ def report(log: str, second: str | None, folder: str) -> dict[str, Any]:
         from mirrorball.analysis import reporting
         from mirrorball.analysis.findings import findings_table
         from mirrorball.analysis.metrics import paired_difference
+        from mirrorball.log import Log
     except ModuleNotFoundError as error:
         raise ValueError(
             f"no module {error.name}: `mirrorball report` needs mirrorball[analysis] or requirements.txt"
         ) from None
+    for path in (log, second):
+        if path is not None and "/cycle" not in Log(path).topics:
+            raise ValueError(f"{path}: no cycle in this log (`mirrorball recover` reads what a killed run left)")
     if second is None:
         written = reporting.report(log, folder=folder)
         found = findings_table(list(written.findings)).to_dict(orient="records")

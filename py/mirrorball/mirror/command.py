@@ -42,6 +42,9 @@ WRITERS: dict[str, Callable[..., Export]] = {
 }
 """Formats of `export`."""
 
+IMAGE_FORMATS = ("png", "jpg", "jpeg", "tif", "tiff", "webp")
+"""Formats of `render`, by the file's ending."""
+
 
 def design(source: str, *, out: str) -> Result:
     """Write the profile as the robot reads it."""
@@ -101,6 +104,8 @@ def render(
         raise ValueError(f"--pose needs x,y,heading, not {len(pose)} numbers")
     if ball is not None and len(ball) != 2:
         raise ValueError(f"--ball needs x,y, not {len(ball)} numbers")
+    if _image_format(out) not in IMAGE_FORMATS:
+        raise ValueError(f"{out}: no image format {_image_format(out)!r} (expected {', '.join(IMAGE_FORMATS)})")
     plan = load(source)
     image = view(
         plan.mirror,

@@ -73,6 +73,10 @@ class DesignSpec:
     """How the requirements are satisfied, if the file states any."""
 
 
+GIVEN_STREAMS = ("/dev/stdin", "/dev/null")
+"""Read without being regular files, as descriptors of this process are; other devices and pipes may have no end."""
+
+
 @checked
 def load(source: str | Path, *, progress: bool = True) -> DesignSpec:
     """Reads a TOML design, or takes a ready-made one by name. ValueError names file, table and key that are wrong."""
@@ -80,6 +84,8 @@ def load(source: str | Path, *, progress: bool = True) -> DesignSpec:
         mirror = REFERENCE_DESIGNS[str(source)]()
         return DesignSpec(mirror, fit_camera(mirror), Lens(), Tolerances(), 12.0, None)
     path = Path(source)
+    if path.exists() and not (path.is_file() or path.is_dir() or str(path) in GIVEN_STREAMS or path.parent == Path("/dev/fd")):
+        raise ValueError(f"{path}: not a regular file")
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
@@ -88,6 +94,7 @@ def load(source: str | Path, *, progress: bool = True) -> DesignSpec:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: {error}") from error
     try:
+        _reject_large_integers(table)
         return _parse_design(table, name=path.stem, progress=progress)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
@@ -147,7 +154,10 @@ def _parse_camera(row: dict[str, Any]) -> Camera:
     values = dict(row)
     values["pinhole_height_m"] = values.pop("height")
     if "centre_px" in values:
-        values["centre_px"] = tuple(values["centre_px"])
+        centre = values["centre_px"]
+        if not isinstance(centre, list) or len(centre) != 2:
+            raise ValueError(f"[camera] centre_px = {centre!r} must be two numbers")
+        values["centre_px"] = tuple(_require_number(value, "[camera] centre_px") for value in centre)
     try:
         return Camera(**values)
     except (TypeError, ValueError) as error:
@@ -165,7 +175,11 @@ def _parse_part(row: dict[str, Any], number: int) -> parts.Part:
 def _parse_freeform(row: dict[str, Any], place: str) -> parts.Free:
     """A cubic through points (t, distance, height)."""
     _reject_unknown_keys(row, {"points", "tangent_continuous"}, f"{place} (free)")
-    points = np.array(_require_key(row, "points", f"{place} (free)"), dtype=np.float64)
+    rows = _require_key(row, "points", f"{place} (free)")
+    try:
+        points = np.array(rows, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{place} (free): points = {rows!r} must be rows of three numbers") from None
     if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < 4 or (np.diff(points[:, 0]) <= 0.0).any():
         raise ValueError(f"{place} (free): points must be at least four rows [t, distance, height] with rising t")
     if not np.isfinite(points).all():
@@ -187,7 +201,7 @@ class _CubicTarget:
 
 def _parse_kind(kinds: dict[str, type[T]], row: dict[str, Any], place: str) -> T:
     kind = _require_key(row, "kind", place)
-    if kind not in kinds:
+    if not isinstance(kind, str) or kind not in kinds:
         raise ValueError(f"{place}: no kind {kind!r}; there are {', '.join(kinds)}")
     return _parse_dataclass(kinds[kind], {key: value for key, value in row.items() if key != "kind"}, f"{place} ({kind})")
 
@@ -226,6 +240,18 @@ def _require_number(value: Any, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         raise ValueError(f"{key} = {value!r} must be a number")
     return float(value)
+
+
+def _reject_large_integers(value: Any, key: str = "the file") -> None:
+    """TOML allows whole numbers of any size, arrays those of 64 bits."""
+    if isinstance(value, dict):
+        for name, each in value.items():
+            _reject_large_integers(each, name)
+    elif isinstance(value, list):
+        for each in value:
+            _reject_large_integers(each, key)
+    elif isinstance(value, int) and abs(value) >= 1 << 63:
+        raise ValueError(f"{key} is too large a number")
 
 
 def _toml_key(field: str) -> str:

@@ -61,6 +61,7 @@ class PlotWorker:
         if not hasattr(os, "fork"):
             return
         jobs, self._job_pipe = os.pipe()
+        self._error_pipe, errors = os.pipe()
         # A job fits, so that whoever hands it over need not wait until matplotlib is loaded.
         if hasattr(fcntl, "F_SETPIPE_SZ"):
             with contextlib.suppress(OSError):
@@ -68,8 +69,10 @@ class PlotWorker:
         self._worker_pid = os.fork()
         if self._worker_pid == 0:
             os.close(self._job_pipe)
-            _worker_loop(jobs)
+            os.close(self._error_pipe)
+            _worker_loop(jobs, errors)
         os.close(jobs)
+        os.close(errors)
 
     def __enter__(self) -> PlotWorker:
         return self
@@ -87,18 +90,24 @@ class PlotWorker:
 
     def finish(self) -> None:
         """Waits until all is drawn; OSError if a figure could not be written."""
-        if self._wait() != 0:
+        status, error = self._wait()
+        if error:
+            raise OSError(*error)
+        if status != 0:
             raise OSError("a figure could not be written")
 
-    def _wait(self) -> int:
+    def _wait(self) -> tuple[int, tuple[Any, ...]]:
+        """Exit status of the process, and the arguments of the OSError that ended it, if one did."""
         if self._worker_pid is None:
-            return 0
+            return 0, ()
         os.close(self._job_pipe)
         child, self._worker_pid = self._worker_pid, None
-        return os.waitpid(child, 0)[1]
+        with os.fdopen(self._error_pipe, "rb") as errors:
+            error = errors.read()
+        return os.waitpid(child, 0)[1], pickle.loads(error) if error else ()
 
 
-def _worker_loop(jobs: int) -> None:
+def _worker_loop(jobs: int, errors: int) -> None:
     """Draws until there is no more; never returns: what is the parent's (buffers, atexit) is not to be cleaned up here."""
     try:
         from mirrorball.mirror import figures  # noqa: F401 (loads matplotlib before the first job comes)
@@ -109,6 +118,11 @@ def _worker_loop(jobs: int) -> None:
         os._exit(0)
     except KeyboardInterrupt:
         # The parent reports the signal, if it got it, too.
+        os._exit(1)
+    except OSError as error:
+        # A full disk: the parent says so.
+        reason = (error.errno, error.strerror, error.filename) if error.errno else (str(error),)
+        os.write(errors, pickle.dumps(reason))
         os._exit(1)
     except BaseException:
         traceback.print_exc()

@@ -72,6 +72,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     if let Some(notice) = run.notice() {
         eprintln!("note: {notice}");
     }
+    let setup_warnings = run.setup_report().warnings.len();
     for warning in &run.setup_report().warnings {
         eprintln!("warning: {warning}");
     }
@@ -88,6 +89,9 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     })?;
     bar.finish_and_clear();
     outputs.finish()?;
+    for warning in result.warnings.iter().skip(setup_warnings) {
+        eprintln!("warning: {warning}");
+    }
     if json {
         println!("{}", serde_json::to_string(&result)?);
     } else {
@@ -95,7 +99,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         if let Some(figures) = &result.setup {
             println!("{}", figures.text());
         }
-        if !result.warnings.is_empty() {
+        if setup_warnings > 0 {
             let folder = args.dir.display();
             println!(
                 "the set-up is doubtful: `mirrorball doctor --recording {folder}` shows alternatives"

@@ -1,6 +1,9 @@
 //! Which values does the command line override? `path.speed=2.0` as a table that is merged into a file's.
 
+use std::path::Path;
+
 use anyhow::{Context, Result};
+use localize::toml_file::{self, TomlFileError};
 
 use crate::commands::arguments::UsageError;
 use pipeline::config::merge_tables;
@@ -22,8 +25,10 @@ pub(crate) fn parse_overrides(assignments: &[String]) -> Result<toml::Table> {
 fn parse_assignment(assignment: &str) -> Result<toml::Table> {
     let (key, value) = assignment.split_once('=').context("no =")?;
     let (key, value) = (key.trim(), value.trim());
-    match toml::from_str(&format!("{key} = {value}")) {
+    let place = Path::new("the command line");
+    match toml_file::parse(place, &format!("{key} = {value}")) {
         Ok(table) => Ok(table),
+        Err(error @ TomlFileError::Number { .. }) => Err(error.into()),
         // A word that is no TOML value is a string, so that it needs no quotes.
         Err(_) => Ok(toml::from_str(&format!("{key} = {value:?}"))?),
     }
@@ -51,7 +56,7 @@ mod tests {
 
     #[test]
     fn malformed_assignment_is_a_usage_error() {
-        for assignment in ["speed", "=3", "a b=1"] {
+        for assignment in ["speed", "=3", "a b=1", "path.speed=1e300"] {
             let error = parse_overrides(&[assignment.to_owned()]).expect_err(assignment);
             assert!(error.is::<UsageError>(), "{error:#}");
         }

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use localize::input_file;
 use localize::presets::PRESETS;
 use localize::synthetic::team_ball::ROBOTS;
+use localize::toml_file;
 use serde::Deserialize;
 use sim::fusion_experiment::{Disturbance, Estimator};
 
@@ -280,10 +280,7 @@ pub(crate) struct Landscape {
 impl Experiment {
     /// Reads an experiment and makes its paths relative to the working folder.
     pub(crate) fn load(path: &Path) -> Result<Self> {
-        let text = input_file::read_text(path)
-            .with_context(|| format!("cannot read {}", path.display()))?;
-        let mut experiment: Experiment =
-            toml::from_str(&text).with_context(|| path.display().to_string())?;
+        let (mut experiment, _): (Experiment, _) = toml_file::read(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         for part in &mut experiment.parts {
             part.resolve_paths(folder)

@@ -16,7 +16,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use localize::Stamp;
-use localize::input_file;
+use localize::toml_file;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use commands::{CommandConfig, CommandListener, RemoteCommand, RobotIdentity};
@@ -65,10 +65,7 @@ pub fn check_network_file(path: &Path) -> Result<()> {
 impl NetworkConfig {
     /// Reads and checks network.toml.
     pub(crate) fn load(path: &Path) -> Result<Self> {
-        let text = input_file::read_text(path)
-            .with_context(|| format!("cannot read {}", path.display()))?;
-        let config: NetworkConfig =
-            toml::from_str(&text).with_context(|| path.display().to_string())?;
+        let (config, _): (NetworkConfig, _) = toml_file::read(path)?;
         config.check().with_context(|| path.display().to_string())?;
         Ok(config)
     }

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use anyhow::Context;
 use hw::realtime::lower_priority;
 use localize::{Field, Stamp};
 use serde::Serialize;
@@ -20,7 +21,7 @@ use pipeline::log::{Header, LogConfig, LogStats, Recorder};
 const RETRY_PERIODS: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(30)];
 /// Time after which a waiting thread notices the end of the run.
 const CANCEL_PERIOD: Duration = Duration::from_millis(50);
-/// Largest number of a log that continues another.
+/// Largest number behind a log's name.
 const NUMBER_MAX: u32 = 9999;
 
 /// Statistics of the logs of a run.
@@ -44,6 +45,19 @@ pub(crate) struct FinishedLog {
     pub summary: LogSummary,
     /// Why the last file could not be closed.
     pub error: Option<String>,
+}
+
+impl FinishedLog {
+    /// Why there is no log. None if there is one.
+    pub(crate) fn loss(&self) -> Option<String> {
+        let error = self.error.as_deref();
+        let is_lost = self.summary.files.is_empty();
+        is_lost.then(|| {
+            error
+                .unwrap_or("the disk had no space for a log")
+                .to_owned()
+        })
+    }
 }
 
 /// Writes the log of a run, in a new file after a failure.
@@ -92,15 +106,27 @@ struct ClosedFile {
 }
 
 impl LogRotation {
-    /// Starts the log. Only here a failure is an error; later it is a message.
+    /// Starts the log, under the next free name if `path` exists. Only here a failure is an error; later it is a message.
     pub(crate) fn start(
         path: &Path,
         header: Header,
         field: &Field,
         config: &LogConfig,
     ) -> anyhow::Result<Self> {
-        let recorder =
-            Recorder::create_with(path, &header, field, (Pace::Live, config), lower_priority)?;
+        let context = || format!("cannot write {}", path.display());
+        let is_stream = path.exists() && !path.is_file();
+        let first = if is_stream {
+            path.to_owned()
+        } else {
+            create_free(path, 1).with_context(context)?
+        };
+        let how = (Pace::Live, config);
+        let recorder = Recorder::create_with(&first, &header, field, how, lower_priority)
+            .inspect_err(|_reported| {
+                if !is_stream {
+                    let _gone = std::fs::remove_file(&first);
+                }
+            })?;
         Ok(LogRotation {
             plan: Arc::new(LogPlan {
                 path: path.to_owned(),
@@ -112,11 +138,16 @@ impl LogRotation {
             state: State::Writing(recorder),
             retry_period: RETRY_PERIODS[0],
             summary: LogSummary {
-                files: vec![path.to_owned()],
+                files: vec![first],
                 ..LogSummary::default()
             },
             needs_state: false,
         })
+    }
+
+    /// The file in which the log starts.
+    pub(crate) fn first_file(&self) -> Option<&Path> {
+        self.summary.files.first().map(PathBuf::as_path)
     }
 
     /// True if the log continues another one and holds no state yet from which its estimates can be computed again.
@@ -227,13 +258,15 @@ impl LogRotation {
             return None;
         };
         let reopened = thread.join().ok()?;
-        self.count_closed(reopened.closed);
+        let removed = reopened.closed.removed;
+        let error = self.count_closed(reopened.closed).filter(|_| removed);
         self.retry_period = reopened.retry_period;
         let (mut recorder, path) = reopened.next?;
         recorder.set_next_index(next_index);
         self.needs_state = true;
         self.state = State::Writing(recorder);
-        let message = format!("the log continues in {}", path.display());
+        let removed = error.map_or_else(String::new, |error| format!("{error}; "));
+        let message = format!("{removed}the log continues in {}", path.display());
         self.summary.files.push(path);
         Some(message)
     }
@@ -269,7 +302,14 @@ fn close_file(recorder: Recorder, path: &Path) -> ClosedFile {
                     cycles: flushed_cycles,
                     ..LogStats::default()
                 },
-                error: Some(format!("cannot close the log: {error:#}")),
+                error: Some(if removed {
+                    format!(
+                        "{} was removed, because the disk was full before it held a cycle: {error:#}",
+                        path.display()
+                    )
+                } else {
+                    format!("cannot close the log: {error:#}")
+                }),
                 removed,
             }
         }
@@ -296,7 +336,7 @@ fn open_next_file(
             return (None, period);
         }
         period = (2 * period).min(RETRY_PERIODS[1]);
-        let Some(path) = create_numbered(&plan.path) else {
+        let Ok(path) = create_free(&plan.path, 2) else {
             continue;
         };
         let how = (Pace::Live, &plan.config);
@@ -310,21 +350,24 @@ fn open_next_file(
     }
 }
 
-/// Creates game.2.mcap, game.3.mcap, …: the first name that is free. None if no file can be created.
-fn create_numbered(path: &Path) -> Option<PathBuf> {
+/// Creates game.mcap, game.2.mcap, game.3.mcap, …: the first name from the number `first` on that is free.
+fn create_free(path: &Path, first: u32) -> std::io::Result<PathBuf> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let end = path
         .extension()
         .map_or_else(String::new, |end| format!(".{}", end.to_string_lossy()));
-    for number in 2..=NUMBER_MAX {
-        let path = path.with_file_name(format!("{stem}.{number}{end}"));
+    for number in first..=NUMBER_MAX {
+        let path = match number {
+            1 => path.to_owned(),
+            _ => path.with_file_name(format!("{stem}.{number}{end}")),
+        };
         match std::fs::File::create_new(&path) {
-            Ok(_) => return Some(path),
+            Ok(_) => return Ok(path),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
-            Err(_) => return None,
+            Err(error) => return Err(error),
         }
     }
-    None
+    Err(std::io::Error::other("too many logs of this name"))
 }
 
 #[cfg(test)]
@@ -332,17 +375,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn next_log_takes_a_free_number_and_leaves_other_files_alone() {
+    fn log_takes_a_free_name_and_leaves_other_files_alone() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("game.mcap");
-        let earlier = folder.path().join("game.2.mcap");
-        std::fs::write(&earlier, "of an earlier run").expect("written");
-        let next = create_numbered(&path).expect("a file");
+        assert_eq!(create_free(&path, 1).expect("a file"), path);
+        std::fs::write(&path, "of an earlier run").expect("written");
+        let second = folder.path().join("game.2.mcap");
+        std::fs::write(&second, "of another one").expect("written");
+        let next = create_free(&path, 1).expect("a file");
         assert_eq!(next, folder.path().join("game.3.mcap"));
-        assert_eq!(
-            std::fs::read(&earlier).expect("there"),
-            b"of an earlier run"
-        );
-        assert_eq!(create_numbered(&folder.path().join("none/game.mcap")), None);
+        assert_eq!(std::fs::read(&path).expect("there"), b"of an earlier run");
+        assert_eq!(std::fs::read(&second).expect("there"), b"of another one");
+        create_free(&folder.path().join("none/game.mcap"), 1).expect_err("no folder");
     }
 }

@@ -9,6 +9,7 @@ pub(crate) mod network;
 pub(crate) mod patrol;
 #[cfg(feature = "ros2")]
 mod pose_reset;
+mod pose_writer;
 pub(crate) mod raw_image;
 mod replay_start;
 pub(crate) mod robot_folder;
@@ -20,7 +21,7 @@ pub(crate) mod stop_flag;
 pub(crate) mod teleop;
 pub(crate) mod tuning;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use serde::Serialize;
 
 use crate::commands::arguments::{UsageError, ensure_distinct_outputs};
@@ -75,6 +76,11 @@ fn run_robot(
     } else {
         report.print();
     }
+    ensure!(
+        report.outputs_lost.is_empty(),
+        "{}",
+        report.outputs_lost.join("; ")
+    );
     Ok(())
 }
 

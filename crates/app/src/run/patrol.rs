@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use hw::base::MotionCommand;
 use localize::Pose;
 use localize::frames::wrap_angle;
-use localize::input_file;
 use localize::omni::Twist;
+use localize::toml_file;
 use serde::Deserialize;
 
 use super::command_arbiter::{CommandArbiter, CommandSource, StampedPose};
@@ -66,9 +66,7 @@ struct Waypoint {
 impl Patrol {
     /// Reads a patrol file.
     pub(crate) fn load(path: &Path) -> Result<Self> {
-        let text = input_file::read_text(path)
-            .with_context(|| format!("cannot read {}", path.display()))?;
-        let patrol: Patrol = toml::from_str(&text).with_context(|| path.display().to_string())?;
+        let (patrol, _): (Patrol, _) = toml_file::read(path)?;
         ensure!(
             !patrol.waypoints.is_empty(),
             "{}: empty waypoints (expected at least one)",

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -14,11 +13,12 @@ use localize::Stamp;
 use super::arguments::Args;
 use super::command_arbiter::CommandArbiter;
 use super::exposure_control::ExposureControl;
-use super::log_rotation::LogRotation;
+use super::log_rotation::{LogRotation, LogSummary};
 use super::network::{self, RunNetwork};
 use super::patrol::Patrol;
 #[cfg(feature = "ros2")]
 use super::pose_reset::PoseReset;
+use super::pose_writer::PoseWriter;
 use super::raw_image::raw_image;
 use super::replay_start::ReplayStart;
 use super::robot_folder::RobotFolder;
@@ -36,7 +36,6 @@ use pipeline::corrected_map;
 use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
-use pipeline::result_files::CsvOutputs;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SettingsChange, SourceImage};
 use pipeline::{Cycle, Pipeline, PipelineConfig};
 use vision::exposure::ExposureCommand;
@@ -53,9 +52,6 @@ const CLOCK_NOTE_PERIOD: f64 = 30.0;
 const WALL_CLOCK_STEP_MIN: f64 = 0.1;
 /// Time for the bus to take the last stop command.
 const STOP_TIMEOUT: Duration = Duration::from_millis(300);
-
-/// Capacity of the queue of poses to write, cycles.
-const POSE_QUEUE_CAPACITY: usize = 300;
 
 /// A run with everything that it needs.
 pub(super) struct RunLoop {
@@ -96,6 +92,13 @@ impl RunLoop {
         let field = &robot.setup.field;
         let start_log = |path: &Path| LogRotation::start(path, header.clone(), field, &log_config);
         let log = args.record.as_deref().map(start_log).transpose()?;
+        if let (Some(path), Some(first)) =
+            (&args.record, log.as_ref().and_then(LogRotation::first_file))
+            && path != first
+        {
+            let (path, first) = (path.display(), first.display());
+            eprintln!("note: {path} exists and stays: the log is written to {first}");
+        }
         let arbiter = CommandArbiter::new();
         let network_config = network::load_config(
             args.network.as_deref(),
@@ -228,23 +231,7 @@ impl RunLoop {
             // A panic has been reported, and the wheels have stopped.
             let _ended = thread.join();
         }
-        if let Some(path) = &self.save_map {
-            let saved = corrected_map::save(&self.robot.setup, &self.pipeline, path);
-            status.print_line(&match saved {
-                Ok(()) => format!("corrected map: {}", path.display()),
-                Err(error) => format!("cannot write {}: {error:#}", path.display()),
-            });
-        }
-        if let Some(error) = self.pose_writer.and_then(PoseWriter::finish) {
-            status.report_log_change(&error);
-        }
-        let log = self.log.map(|log| {
-            let finished = log.finish();
-            if let Some(error) = finished.error {
-                status.report_log_change(&error);
-            }
-            finished.summary
-        });
+        let (log, outputs_lost) = self.finish_outputs(&mut status);
         // The wheels have stopped: the trials of other set-ups take seconds.
         let warnings = state.setup_watch.finish(&self.robot.setup, &self.config);
         Ok(status.into_report(RunOutcome {
@@ -258,7 +245,38 @@ impl RunLoop {
             ros2,
             devices: health,
             log,
+            outputs_lost,
         }))
+    }
+
+    /// Completes map, table and log. Returns the log's summary, and why outputs do not exist.
+    fn finish_outputs(&mut self, status: &mut RunStatus) -> (Option<LogSummary>, Vec<String>) {
+        let mut outputs_lost = Vec::new();
+        if let Some(path) = &self.save_map {
+            match corrected_map::save(&self.robot.setup, &self.pipeline, path) {
+                Ok(()) => status.print_line(&format!("corrected map: {}", path.display())),
+                Err(error) => {
+                    outputs_lost.push(format!("cannot write {}: {error:#}", path.display()))
+                }
+            }
+        }
+        match self.pose_writer.take().map(PoseWriter::finish) {
+            Some(Err(error)) => outputs_lost.push(format!("{error:#}")),
+            Some(Ok(rows_lost @ 1..)) => status.report_log_change(&format!(
+                "{rows_lost} poses are not in the table, because the disk was too slow"
+            )),
+            Some(Ok(0)) | None => {}
+        }
+        let log = self.log.take().map(|log| {
+            let finished = log.finish();
+            match (finished.loss(), finished.error) {
+                (Some(loss), _) => outputs_lost.push(loss),
+                (None, Some(error)) => status.report_log_change(&error),
+                (None, None) => {}
+            }
+            finished.summary
+        });
+        (log, outputs_lost)
     }
 
     fn start_motion_thread(&mut self, stop: &StopFlag) -> Result<Option<JoinHandle<()>>> {
@@ -327,8 +345,9 @@ impl RunLoop {
         state.setup_watch.add_cycle(&cycle);
         let cycle = Arc::new(cycle);
         self.feed.publish(&cycle);
-        if let Some(poses) = &self.pose_writer {
-            poses.write_cycle(&cycle);
+        let pose_writer = self.pose_writer.as_mut();
+        if let Some(text) = pose_writer.and_then(|poses| poses.write_cycle(&cycle)) {
+            status.report_log_change(&text);
         }
         if let Some(text) = self
             .log
@@ -564,42 +583,5 @@ fn is_finite(sample: &Sample) -> bool {
         | Sample::Settings(_)
         | Sample::SetupDoubt(_)
         | Sample::Image(_) => true,
-    }
-}
-
-/// Writes poses.csv in its own thread.
-struct PoseWriter {
-    queue: SyncSender<Arc<Cycle>>,
-    thread: JoinHandle<Result<()>>,
-}
-
-impl PoseWriter {
-    fn start(path: &Path) -> Result<Self> {
-        let mut outputs = CsvOutputs::create(Some(path), None, None)?;
-        let (queue, cycles): (_, Receiver<Arc<Cycle>>) = sync_channel(POSE_QUEUE_CAPACITY);
-        let write = move || {
-            for cycle in cycles {
-                outputs.write(&cycle)?;
-            }
-            outputs.finish()
-        };
-        let thread = std::thread::Builder::new()
-            .name("poses".to_owned())
-            .spawn(write)?;
-        Ok(PoseWriter { queue, thread })
-    }
-
-    fn write_cycle(&self, cycle: &Arc<Cycle>) {
-        // If the disk is too slow, the row is lost.
-        let _full = self.queue.try_send(Arc::clone(cycle));
-    }
-
-    fn finish(self) -> Option<String> {
-        drop(self.queue);
-        match self.thread.join() {
-            Ok(Ok(())) => None,
-            Ok(Err(error)) => Some(format!("cannot write the poses: {error:#}")),
-            Err(_) => Some("cannot write the poses: the writer thread panicked".to_owned()),
-        }
     }
 }

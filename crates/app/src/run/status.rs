@@ -76,6 +76,8 @@ pub(crate) struct RunReport {
     pub changes: Vec<StateChange>,
     /// The log, if there was one.
     pub log: Option<LogSummary>,
+    /// Why outputs do not exist; empty when all is well.
+    pub outputs_lost: Vec<String>,
     /// Sentences about a doubtful set-up; empty when all is well.
     pub warnings: Vec<String>,
 }
@@ -112,6 +114,8 @@ pub(crate) struct RunOutcome {
     pub devices: Vec<HealthReport>,
     /// The log, if there was one.
     pub log: Option<LogSummary>,
+    /// Why outputs do not exist.
+    pub outputs_lost: Vec<String>,
     /// Sentences about a doubtful set-up.
     pub warnings: Vec<String>,
 }
@@ -339,6 +343,7 @@ impl RunStatus {
             devices: outcome.devices,
             changes: self.changes,
             log: outcome.log,
+            outputs_lost: outcome.outputs_lost,
             warnings: outcome.warnings,
         }
     }

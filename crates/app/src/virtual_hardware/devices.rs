@@ -1,6 +1,6 @@
 //! What does each virtual device send? Samples of the simulation in their wire formats, with the active faults.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use hw::camera::Encoding;
 use localize::Stamp;
 use localize::robot::ExposureSetting;
@@ -56,8 +56,6 @@ impl VirtualDevices {
         truth: Option<CsvWriter>,
     ) -> Result<Self> {
         let folder = options.folder;
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("cannot make {}", folder.display()))?;
         let base = sim.robot().base.clone().unwrap_or_default();
         let omni = base.kinematics()?;
         let encoding = match options.format {

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
-use localize::input_file;
+use anyhow::{Result, ensure};
+use localize::toml_file;
 use serde::{Deserialize, Serialize};
 
 /// A fault plan.
@@ -82,9 +82,7 @@ pub(super) struct FaultInterval {
 impl FaultPlan {
     /// Reads a plan.
     pub(super) fn load(path: &Path) -> Result<Self> {
-        let text = input_file::read_text(path)
-            .with_context(|| format!("cannot read {}", path.display()))?;
-        let plan: FaultPlan = toml::from_str(&text).with_context(|| path.display().to_string())?;
+        let (plan, _): (FaultPlan, _) = toml_file::read(path)?;
         for fault in &plan.faults {
             ensure!(
                 fault.at >= 0.0

@@ -7,6 +7,7 @@ mod camera;
 mod devices;
 mod drive_command;
 mod faults;
+mod folder_lock;
 mod inertial;
 mod options;
 mod real_time_sim;
@@ -25,6 +26,7 @@ use crate::run::stop_flag::StopFlag;
 use devices::VirtualDevices;
 use drive_command::CommandStats;
 use faults::{FaultInterval, FaultPlan};
+use folder_lock::FolderLock;
 pub(crate) use options::Options;
 use pipeline::csv_table::CsvWriter;
 use real_time_sim::RealTimeSim;
@@ -44,6 +46,7 @@ struct VirtualHardwareResult {
 /// Runs the scenario's hardware until its end, or until a signal.
 pub(crate) fn run(sim: Simulator, duration: f64, options: &Options<'_>, json: bool) -> Result<()> {
     let plan = options.faults.map(FaultPlan::load).transpose()?;
+    let _lock = FolderLock::take(options.folder)?;
     let header = "stamp_s,x_m,y_m,theta_rad,exposure_s,gain";
     let truth = options.truth.map(|path| CsvWriter::create(path, header));
     let mut devices =

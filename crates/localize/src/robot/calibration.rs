@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::value_checks::{TURN_DEG, check_within};
 use crate::math;
 use crate::sample::{Imu, Odometry};
 use crate::sensors::compass_calibration::CompassCalibration;
@@ -131,7 +132,7 @@ impl ImuCalibration {
     }
 
     pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
-        check_within("imu.calibration.mount_deg", &self.mount_deg, 360.0)?;
+        check_within("imu.calibration.mount_deg", &self.mount_deg, TURN_DEG)?;
         check_within(
             "imu.calibration.acceleration_bias",
             &self.acceleration_bias,
@@ -148,17 +149,6 @@ impl TimingCalibration {
         }
         let reason = format!("{} s (expected 0 to 1)", self.camera_latency);
         Err(("timing.camera_latency", reason))
-    }
-}
-
-fn check_within(
-    key: &'static str,
-    values: &[f32],
-    limit: f32,
-) -> Result<(), (&'static str, String)> {
-    match values.iter().find(|value| !(value.abs() <= limit)) {
-        Some(value) => Err((key, format!("{value} (expected -{limit} to {limit})"))),
-        None => Ok(()),
     }
 }
 

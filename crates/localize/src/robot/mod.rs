@@ -12,11 +12,13 @@ use crate::toml_location::key_location;
 mod calibration;
 mod camera;
 mod exposure;
+mod value_checks;
 
 use calibration::CalibrationFile;
 pub use calibration::{ImuCalibration, OdometryCalibration, TimingCalibration, rotation_from_rpy};
 pub use camera::{CameraConfig, CameraSection};
 pub use exposure::{CameraControl, ExposureSetting};
+use value_checks::{TURN_DEG, check_finite, check_not_negative, check_positive, check_within};
 
 /// Height of the viewpoint if no mirror profile is known, metres: the mirror's surface at half its radius.
 ///
@@ -295,7 +297,7 @@ impl RobotConfig {
                 ));
             }
             check_finite("camera.centre_px", &camera.centre_px.unwrap_or([0.0; 2]))?;
-            check_finite("camera.forward_deg", &[camera.forward_deg])?;
+            check_within("camera.forward_deg", &[camera.forward_deg], TURN_DEG)?;
             for (key, value) in [
                 ("camera.focal_px", camera.focal_px),
                 ("camera.height", camera.height),
@@ -331,7 +333,7 @@ impl RobotConfig {
             check_positive("compass.bias_time", compass.bias_time)?;
         }
         if let Some(body) = &self.body {
-            check_finite("body.rod_angles_deg", &body.rod_angles_deg)?;
+            check_within("body.rod_angles_deg", &body.rod_angles_deg, TURN_DEG)?;
             check_not_negative("body.radius", body.radius)?;
             check_not_negative("body.height", body.height)?;
             check_not_negative("body.camera_side", body.camera_side)?;
@@ -395,7 +397,7 @@ impl BaseConfig {
                 format!("{wheels} wheels: three or four are wanted"),
             ));
         }
-        check_finite("base.wheel_angles_deg", &self.wheel_angles_deg)?;
+        check_within("base.wheel_angles_deg", &self.wheel_angles_deg, TURN_DEG)?;
         for (key, value) in [
             ("base.wheel_radius", self.wheel_radius),
             ("base.wheel_distance", self.wheel_distance),
@@ -410,27 +412,6 @@ impl BaseConfig {
         self.kinematics()
             .map(drop)
             .map_err(|error| ("base.wheel_angles_deg", error.to_string()))
-    }
-}
-
-fn check_positive(key: &'static str, value: f32) -> Result<(), (&'static str, String)> {
-    if value.is_finite() && value > 0.0 {
-        return Ok(());
-    }
-    Err((key, format!("{value} must be a positive number")))
-}
-
-fn check_not_negative(key: &'static str, value: f32) -> Result<(), (&'static str, String)> {
-    if value.is_finite() && value >= 0.0 {
-        return Ok(());
-    }
-    Err((key, format!("{value} must be zero or a positive number")))
-}
-
-fn check_finite(key: &'static str, values: &[f32]) -> Result<(), (&'static str, String)> {
-    match values.iter().find(|value| !value.is_finite()) {
-        Some(value) => Err((key, format!("{value} is not a number"))),
-        None => Ok(()),
     }
 }
 
@@ -503,6 +484,32 @@ mod tests {
     fn robot_toml_needs_only_a_field() {
         let robot = load("field = \"field.toml\"").expect("a robot");
         assert!(robot.camera.is_none() && robot.base.is_none());
+    }
+
+    #[test]
+    fn angle_beyond_a_turn_is_refused_with_its_line() {
+        for (text, key) in [
+            (
+                "[camera]\nwidth_px = 480\nheight_px = 480\nforward_deg = 1e9",
+                "line 5: camera.forward_deg: 1000000000",
+            ),
+            (
+                "[base]\nwheel_angles_deg = [60.0, 180.0, 361.0]",
+                "line 3: base.wheel_angles_deg: 361",
+            ),
+            (
+                "[body]\nrod_angles_deg = [-400.0]",
+                "line 3: body.rod_angles_deg: -400",
+            ),
+        ] {
+            let loaded = load(&format!("field = \"f.toml\"\n{text}\n"));
+            let message = loaded.expect_err(key).to_string();
+            let wanted = format!("{key} (expected -360 to 360)");
+            assert!(message.ends_with(&wanted), "{message}");
+        }
+        let text =
+            "field = \"f.toml\"\n[camera]\nwidth_px = 480\nheight_px = 480\nforward_deg = -270\n";
+        load(text).expect("a direction");
     }
 
     #[test]

@@ -1,12 +1,14 @@
 //! How are cycles written without delaying the robot? By a writer thread with a bounded queue.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use localize::{Field, Stamp};
+use vision::output_file::PendingName;
 
 use super::config::LogConfig;
 use super::header::Header;
@@ -25,10 +27,15 @@ pub struct Recorder {
     flushed_cycles: Arc<AtomicU64>,
     notes: NoteQueue,
     path: PathBuf,
+    /// The name that a log in lockstep gets when it is complete. None for a live log, which has it from the start.
+    name: Option<PendingName>,
 }
 
 impl Recorder {
-    /// Starts a log at `path` and its writer thread. Replaces an existing file.
+    /// Starts a log at `path` and its writer thread.
+    ///
+    /// A live log has its name from the start, so that a robot that loses power leaves one: it replaces an existing file
+    /// at once. A log in lockstep replaces it when it is complete (`vision::output_file`).
     ///
     /// The image compression in `header` is set from `config`.
     pub fn create(
@@ -50,7 +57,13 @@ impl Recorder {
         prepare: impl FnOnce() + Send + 'static,
     ) -> Result<Self> {
         let notes = NoteQueue::default();
-        let mut writer = LogWriter::create(path, header, field, (pace, config), notes.clone())?;
+        let created = match pace {
+            Pace::Live => File::create(path).map(|file| (None, file)),
+            Pace::Lockstep => PendingName::create(path).map(|(name, file)| (Some(name), file)),
+        };
+        let (name, file) = created.with_context(|| format!("cannot write {}", path.display()))?;
+        let log = (path, file);
+        let mut writer = LogWriter::create(log, header, field, (pace, config), notes.clone())?;
         let queue = Arc::new(CycleQueue::new(
             pace,
             config.queue_images,
@@ -78,6 +91,7 @@ impl Recorder {
             flushed_cycles,
             notes,
             path: path.to_owned(),
+            name,
         })
     }
 
@@ -111,7 +125,10 @@ impl Recorder {
 
     /// Writes queued cycles, then index and summary.
     pub fn finish(mut self) -> Result<LogStats> {
-        self.join()
+        let stats = self.join()?;
+        let given = self.name.take().map_or(Ok(()), PendingName::give);
+        given.with_context(|| format!("cannot write {}", self.path.display()))?;
+        Ok(stats)
     }
 
     fn check(&self) -> Result<()> {
@@ -137,7 +154,7 @@ impl Recorder {
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        // A failed run still leaves a complete log. The run's own error is reported, so one of the log is ignored.
+        // A live run that failed still leaves a complete log. Its own error is reported, so one of the log is ignored.
         if self.writer.is_some() {
             let _ = self.join();
         }

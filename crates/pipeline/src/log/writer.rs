@@ -1,5 +1,6 @@
 //! What does the writer thread of a log do? It writes queued cycles and flushes often, so that a kill loses little.
 
+use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -40,9 +41,9 @@ pub(super) struct LogWriter {
 }
 
 impl LogWriter {
-    /// Starts a log with its header.
+    /// Starts a log with its header in an empty file, which `path` names in messages.
     pub(super) fn create(
-        path: &Path,
+        (path, file): (&Path, File),
         header: &Header,
         field: &Field,
         (pace, config): (Pace, &LogConfig),
@@ -60,7 +61,7 @@ impl LogWriter {
                 config.flush_period
             )
         })?;
-        let (sink, topics) = Sink::create(path, pace)?;
+        let (sink, topics) = Sink::create(path, file, pace)?;
         let mut header = Header {
             images: config.images,
             ..header.clone()

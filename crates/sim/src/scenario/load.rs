@@ -30,8 +30,11 @@ pub enum ScenarioError {
     Robot(#[from] localize::robot::RobotConfigError),
 }
 
-/// Largest accepted coordinate (metres) and heading (degrees).
+/// Largest accepted coordinate, metres.
 const COORDINATE_MAX: f32 = 1000.0;
+
+/// Largest accepted direction, degrees.
+const DIRECTION_MAX: f32 = 360.0;
 
 /// Largest accepted height (metres) and speed (m/s) of a ball in the air.
 const HEIGHT_MAX: f32 = 100.0;
@@ -125,7 +128,6 @@ impl Scenario {
         for (key, value) in [
             ("start.x", self.start.x),
             ("start.y", self.start.y),
-            ("start.theta_deg", self.start.theta_deg),
             ("ball.position", ball_x),
             ("ball.position", ball_y),
         ] {
@@ -138,6 +140,7 @@ impl Scenario {
                 );
             }
         }
+        self.check_directions()?;
         self.check_ball()?;
         let others =
             self.others.opponents + self.others.mates + self.others.placed.len() + self.squad.len();
@@ -184,6 +187,38 @@ impl Scenario {
         self.rocking
             .check()
             .map_err(|(key, reason)| (format!("rocking.{key}"), reason))
+    }
+
+    /// The first direction beyond a turn, and the reason.
+    fn check_directions(&self) -> Result<(), (String, String)> {
+        let start = [("start.theta_deg".to_owned(), self.start.theta_deg)];
+        let placed = self.others.placed.iter().enumerate();
+        let placed =
+            placed.map(|(i, robot)| (format!("others.placed[{i}].theta_deg"), robot.theta_deg));
+        let kidnaps = self.kidnaps.iter().enumerate();
+        let kidnaps =
+            kidnaps.map(|(i, kidnap)| (format!("kidnaps[{i}].theta_deg"), kidnap.theta_deg));
+        let occlusions = self.occlusions.iter().enumerate();
+        let occlusions = occlusions.map(|(i, sector)| {
+            (
+                format!("occlusions[{i}].direction_deg"),
+                sector.direction_deg,
+            )
+        });
+        for (key, value) in start
+            .into_iter()
+            .chain(placed)
+            .chain(kidnaps)
+            .chain(occlusions)
+        {
+            if !(value.abs() <= DIRECTION_MAX) {
+                let reason = format!(
+                    "invalid value: {value} (expected -{DIRECTION_MAX} to {DIRECTION_MAX})"
+                );
+                return Err((key, reason));
+            }
+        }
+        Ok(())
     }
 
     /// The first invalid value of the ball and its kicks, and the reason.

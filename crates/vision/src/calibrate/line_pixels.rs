@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use crate::calibrate::CalibrationError;
 use crate::calibrate::lines::NamedImage;
+use crate::calibrate::repeated_images::repeated_images;
 use crate::config::VisionConfig;
 use crate::error::VisionError;
 use crate::optics::ground_map::GroundMap;
@@ -45,11 +46,19 @@ pub(super) fn detect_line_pixels(
                 source,
             }
         })?;
+    let repeated = repeated_images(images.iter().map(|image| &image.image));
     images
         .par_iter()
+        .zip(repeated)
         .map_init(
             || vision.clone(),
-            |vision, image| {
+            |vision, (image, repeated)| {
+                if let Some(first) = repeated {
+                    return Ok(ImagePixels {
+                        points: Vec::new(),
+                        refused: Some(format!("the same picture as {}", images[first].name)),
+                    });
+                }
                 vision.reset_colour_model();
                 let found = match vision.process_lines(&image.image.view()) {
                     Ok(found) => found,

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use crate::calibrate::joint_fit::{CORRECTION_SCHEDULE, FitImage, JointFit, Markings};
 use crate::calibrate::map_correction::{BasisValues, CorrectionPoint, MapCorrection};
+use crate::calibrate::repeated_images::repeated_images;
 use crate::calibrate::{CalibrationError, ImageResidual};
 use crate::config::VisionConfig;
 use crate::error::VisionError;
@@ -65,10 +66,8 @@ const IMAGES_MAX: usize = 60;
 /// An image with a smaller fraction of points on markings is excluded in the end.
 const INLIER_SHARE_MIN: f64 = 0.6;
 
-/// Calibrates the map from images anywhere on the field.
-///
-/// `start`: a prior map, may be a fifth off; `viewpoint_height`: of the mirror above the ground, metres.
-pub fn calibrate_lines(
+/// The map that puts the line points of images anywhere on the field on its markings, from a guess.
+pub(super) fn fit_guess(
     camera: &CameraConfig,
     start: &GroundMap,
     field: &Field,
@@ -79,7 +78,7 @@ pub fn calibrate_lines(
     fit_rounds(camera, start, field, images, vision_config, &[true, false])
 }
 
-/// As [`calibrate_lines`], from a map that is already good to a few percent.
+/// As [`fit_guess`], from a map that is already good to a few percent.
 pub(super) fn refine_map(
     camera: &CameraConfig,
     start: &GroundMap,
@@ -153,6 +152,7 @@ fn detect_line_points(
     };
     let vision = Vision::new(map, camera, field.config.line_width, config)
         .map_err(named("the initial map"))?;
+    let repeated = repeated_images(images.iter().map(|image| &image.image));
     let step = images.len().div_ceil(IMAGES_MAX).max(1);
     let sampled: Vec<usize> = (0..images.len()).step_by(step).collect();
     sampled
@@ -161,6 +161,13 @@ fn detect_line_points(
             || vision.clone(),
             |vision, index| {
                 let image = &images[index];
+                if let Some(first) = repeated[index] {
+                    return Ok(ImageLinePoints {
+                        index,
+                        points: Vec::new(),
+                        refused: Some(format!("the same picture as {}", images[first].name)),
+                    });
+                }
                 vision.reset_colour_model();
                 let (points, refused) = match vision.process_lines(&image.image.view()) {
                     Ok(found) => (

@@ -1,9 +1,11 @@
 //! Calibration of the ground map, the mount, the mask and the colours, each with its residuals.
 
+mod acceptance;
 pub mod apparent_size;
 pub mod colours;
 mod halves;
 mod joint_fit;
+mod known_map;
 mod line_pixels;
 pub mod lines;
 mod map_alignment;
@@ -14,19 +16,23 @@ pub mod mount_fit;
 mod polar_map;
 mod radial_family;
 mod radial_model;
+mod repeated_images;
 pub mod rim;
 pub mod strip;
 mod strip_edges;
+pub mod strip_target;
 pub mod unknown_mirror;
 
 pub use apparent_size::{SizeBin, SizeCalibration, calibrate_sizes};
 pub use colours::{LearnedColours, learn_colours};
 pub use halves::Disagreement;
-pub use lines::{LinesCalibration, NamedImage, calibrate_lines};
+pub use known_map::calibrate_lines;
+pub use lines::{LinesCalibration, NamedImage};
 pub use mask::calibrate_mask;
 pub use mount_fit::{MountFit, fit_mount};
 pub use rim::{Rim, RimError, find_rim};
-pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
+pub use strip::{StripCalibration, StripImage, calibrate_strip};
+pub use strip_target::Strip;
 pub use unknown_mirror::{UnknownMirror, calibrate_unknown_mirror};
 
 /// A ground point with its image position.
@@ -62,7 +68,7 @@ pub enum CalibrationError {
         /// Its value.
         value: f64,
         /// The requirement it fails.
-        reason: &'static str,
+        reason: String,
     },
     /// Too few images are usable.
     #[error("too few usable images: {used} of {total} (expected at least {required}). {reasons}")]

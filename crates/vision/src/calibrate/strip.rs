@@ -3,40 +3,15 @@
 //! nubot2013 3.2 (Voigtländer): no symmetry and no profile of the mirror is assumed, so a tilted mirror calibrates too.
 
 use localize::math;
-use serde::{Deserialize, Serialize};
 
 use crate::calibrate::polar_map::{FourierSeries, PolarMap};
+use crate::calibrate::repeated_images::repeated_images;
 use crate::calibrate::strip_edges::{PolarEdge, StripEdgeDetector, median};
+use crate::calibrate::strip_target::{BarColour, Strip};
 use crate::calibrate::{CalibrationError, Correspondence, ImageResidual};
 use crate::image::Image;
 use crate::optics::ground_map::GroundMap;
 use localize::robot::CameraConfig;
-
-/// A straight strip of alternating black and white bars on the ground, radially from the robot's axis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Strip {
-    /// Distance of the first bar's near edge from the robot's axis, metres.
-    pub first_edge: f64,
-    /// Length of each bar, metres.
-    pub spacing: f64,
-    /// Number of bars.
-    pub bars: usize,
-    /// Width of the strip, metres.
-    pub width: f64,
-    /// Colour of the bar next to the robot.
-    pub first_bar: BarColour,
-}
-
-/// A bar's colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BarColour {
-    /// Black.
-    Black,
-    /// White.
-    White,
-}
 
 /// One image of the strip.
 #[derive(Debug, Clone)]
@@ -80,7 +55,7 @@ pub fn calibrate_strip(
     strip: &Strip,
     images: &[StripImage],
 ) -> Result<StripCalibration, CalibrationError> {
-    check_strip(strip)?;
+    strip.check()?;
     let mut edges_by_image = Vec::with_capacity(images.len());
     for image in images {
         image
@@ -103,9 +78,14 @@ pub fn calibrate_strip(
         };
         edges_by_image.push(search.detect());
     }
+    let repeated = repeated_images(images.iter().map(|image| &image.image));
     let mut left_out: Vec<Option<String>> = edges_by_image
         .iter()
-        .map(|edges| {
+        .zip(repeated)
+        .map(|(edges, repeated)| {
+            if let Some(first) = repeated {
+                return Some(format!("the same picture as {}", images[first].name));
+            }
             (edges.len() < 4).then(|| {
                 format!(
                     "too few edges of the strip: {} (expected at least 4)",
@@ -150,28 +130,6 @@ pub fn calibrate_strip(
             }
         }
     }
-}
-
-fn check_strip(strip: &Strip) -> Result<(), CalibrationError> {
-    for (key, value) in [
-        ("first_edge", strip.first_edge),
-        ("spacing", strip.spacing),
-        ("width", strip.width),
-    ] {
-        if !(value.is_finite() && value > 0.0) {
-            let reason = "must be a positive number of metres";
-            return Err(CalibrationError::Value { key, value, reason });
-        }
-    }
-    if !(4..=1000).contains(&strip.bars) {
-        let (value, reason) = (strip.bars as f64, "expected 4 to 1000 bars");
-        return Err(CalibrationError::Value {
-            key: "bars",
-            value,
-            reason,
-        });
-    }
-    Ok(())
 }
 
 fn too_few_images(left_out: &[Option<String>]) -> CalibrationError {

@@ -10,6 +10,9 @@ use localize::robot::CameraConfig;
 use rayon::prelude::*;
 
 use crate::calibrate::CalibrationError;
+use crate::calibrate::acceptance::{
+    BETTER_FIELD_ODDS, ensure_field_explains, ensure_halves_agree, is_doubtful, odds,
+};
 use crate::calibrate::halves::{Disagreement, compare_halves};
 use crate::calibrate::joint_fit::Markings;
 use crate::calibrate::line_pixels::detect_line_pixels;
@@ -55,22 +58,8 @@ const REFINE_ROUNDS: usize = 3;
 /// Another mirror explains the points as well if its odds of a point on a marking, times this, exceed those of the best.
 const UNDECIDED_ODDS: f64 = 1.3;
 
-/// Another field is better if its odds of a point on a marking exceed those of the given one this many times.
-const BETTER_FIELD_ODDS: f64 = 1.5;
-
 /// Images that the map does not explain have a camera of their own from this score on.
 const SECOND_CAMERA_SCORE: f64 = 0.75;
-
-/// Below this share of the points on the field on markings, or above this disagreement of halves (metres), other fields
-/// are tried.
-const DOUBTFUL_SHARE: f64 = 0.92;
-const DOUBTFUL_DISAGREEMENT: f32 = 0.03;
-
-/// Limits of an accepted calibration.
-const SHARE_MIN: f64 = 0.7;
-/// The same for images that are too few for a comparison of halves.
-const SHARE_MIN_UNCHECKED: f64 = 0.85;
-const DISAGREEMENT_MAX: f32 = 0.06;
 
 /// Share of the points that the mirror found by the search explains at least, before the joint fit. Right mirrors of seven
 /// robots explain 0.56 to 0.99, wrong ones up to half: the fit could bend them to the images.
@@ -104,7 +93,7 @@ pub fn calibrate_unknown_mirror(
     };
     let result = attempt.calibrate(&camera, rim, field, images, vision_config, progress);
     let doubtful = match &result {
-        Ok(found) => found.is_doubtful(),
+        Ok(found) => is_doubtful(found.calibration.on_field_share, found.disagreement),
         Err(error) => matches!(error, CalibrationError::Undecided(_)),
     };
     if doubtful {
@@ -124,26 +113,8 @@ pub fn calibrate_unknown_mirror(
 }
 
 impl UnknownMirror {
-    /// True if another field may explain the images better.
-    fn is_doubtful(&self) -> bool {
-        let apart = self.disagreement.map_or(0.0, |apart| apart.near);
-        self.calibration.on_field_share < DOUBTFUL_SHARE || apart > DOUBTFUL_DISAGREEMENT
-    }
-
     fn ensure_accepted(&self) -> Result<(), CalibrationError> {
-        let share = self.calibration.on_field_share;
-        let share_min = match self.disagreement {
-            Some(_) => SHARE_MIN,
-            None => SHARE_MIN_UNCHECKED,
-        };
-        if share < share_min {
-            return Err(CalibrationError::WrongField {
-                share_percent: (100.0 * share) as u32,
-                hint: "Check the sizes in the field file; if they are right, take more images, with the centre \
-                       circle and corners in view"
-                    .into(),
-            });
-        }
+        ensure_field_explains(self.calibration.on_field_share, self.disagreement)?;
         if self.search_share < SEARCH_SHARE_MIN {
             return Err(CalibrationError::Undecided(format!(
                 "the best mirror of the search explains {:.0} % of the line points. Take more images of one camera all over \
@@ -151,16 +122,7 @@ impl UnknownMirror {
                 100.0 * self.search_share
             )));
         }
-        match self.disagreement {
-            Some(apart) if apart.near > DISAGREEMENT_MAX => {
-                Err(CalibrationError::Undecided(format!(
-                    "the maps of two halves of the images differ by {:.0} cm up to 3 m. Take more images of one camera \
-                     all over the field, with the centre circle and corners in view",
-                    100.0 * apart.near
-                )))
-            }
-            _ => Ok(()),
-        }
+        ensure_halves_agree(self.disagreement)
     }
 }
 
@@ -411,11 +373,6 @@ fn decide(
         ))),
         None => Ok(&best.model),
     }
-}
-
-/// Odds that a point lies on a marking.
-fn odds(share: f64) -> f64 {
-    share / (1.0 - share).max(1e-3)
 }
 
 /// Images of the search: evenly over the recording, of those with many line points.

@@ -1,7 +1,7 @@
 //! The ground map: for each pixel its ground point, traced from a mirror profile or calibrated.
 
 use std::fs::File;
-use std::io::{BufReader, Cursor, Read, Seek, Write};
+use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 
 use localize::frames::{At, RobotFrame};
@@ -12,7 +12,7 @@ use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
 use crate::image::PIXELS_MAX;
-use crate::output_file::OutputFile;
+use crate::output_file::write_file;
 
 /// Largest array of a map with its header, bytes.
 const BYTES_MAX: u64 = 4 * PIXELS_MAX as u64 + 65_536;
@@ -174,20 +174,14 @@ impl GroundMap {
             path: path.to_owned(),
             source,
         };
-        let mut output = OutputFile::create(path).map_err(file)?;
-        self.write_npz(&mut output).map_err(file)?;
-        output.finish().map_err(file)
+        // Packed first: an archive on a full disk hides the reason behind its own.
+        let bytes = self.to_npz().map_err(file)?;
+        write_file(path, bytes).map_err(file)
     }
 
-    /// The npz archive as bytes, for a log's attachment.
+    /// The npz archive as bytes.
     pub fn to_npz(&self) -> std::io::Result<Vec<u8>> {
-        let mut bytes = Cursor::new(Vec::new());
-        self.write_npz(&mut bytes)?;
-        Ok(bytes.into_inner())
-    }
-
-    fn write_npz(&self, target: impl Write + Seek) -> std::io::Result<()> {
-        let mut archive = ZipWriter::new(target);
+        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
         for (name, values) in [("x_m", &self.x), ("y_m", &self.y)] {
             archive.start_file(member_name(name), SimpleFileOptions::default())?;
             let mut writer = WriteOptions::new()
@@ -198,8 +192,7 @@ impl GroundMap {
             writer.extend(values.iter())?;
             writer.finish()?;
         }
-        archive.finish()?;
-        Ok(())
+        Ok(archive.finish()?.into_inner())
     }
 }
 

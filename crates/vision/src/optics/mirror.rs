@@ -65,6 +65,24 @@ const SAMPLES_MIN: usize = 5;
 const RADIUS_MAX: f64 = 2.0;
 const HEIGHT_MAX: f64 = 10.0;
 
+/// Radii and heights up to which a profile that is not in metres is in centimetres.
+const CENTIMETRES_MAX: [f64; 2] = [50.0, 200.0];
+
+/// The unit of a profile that is not in metres.
+fn likely_unit(radius: &[f64], height: &[f64]) -> &'static str {
+    let largest = |values: &[f64]| {
+        values
+            .iter()
+            .fold(0.0_f64, |most, value| most.max(value.abs()))
+    };
+    let [radius_max, height_max] = CENTIMETRES_MAX;
+    if largest(radius) <= radius_max && largest(height) <= height_max {
+        "centimetres"
+    } else {
+        "millimetres"
+    }
+}
+
 impl Profile {
     /// Interpolates samples of (radius, height above the ground), metres.
     ///
@@ -87,6 +105,17 @@ impl Profile {
         for index in 0..radius.len() {
             if !(radius[index].is_finite() && height[index].is_finite()) {
                 return refuse(index, "not a finite number");
+            }
+            if radius[index] > RADIUS_MAX || height[index].abs() > HEIGHT_MAX {
+                let unit = likely_unit(&radius, &height);
+                let (r, h) = (radius[index], height[index]);
+                return refuse(
+                    index,
+                    &format!(
+                        "radius {r}, height {h} out of range (expected metres: radius <= {RADIUS_MAX}, \
+                         height <= {HEIGHT_MAX}). These look like {unit}"
+                    ),
+                );
             }
             if radius[index] < 0.0 {
                 return refuse(index, "negative radius (expected >= 0)");
@@ -139,14 +168,6 @@ impl Profile {
                     .map_err(|error| at(line, format!("{:?}: {error}", &record[column])))
             };
             let (r, h) = (number(0)?, number(1)?);
-            if r > RADIUS_MAX || h.abs() > HEIGHT_MAX {
-                return Err(at(
-                    line,
-                    format!(
-                        "radius {r}, height {h} out of range (expected metres: radius <= {RADIUS_MAX}, height <= {HEIGHT_MAX})"
-                    ),
-                ));
-            }
             radius.push(r);
             height.push(h);
             lines.push(line);
@@ -256,14 +277,37 @@ mod tests {
 
     #[test]
     fn profile_does_not_overshoot_at_a_kink() {
-        let radius: Vec<f64> = (0..20).map(f64::from).collect();
+        let radius: Vec<f64> = (0..20).map(|i| 0.1 * f64::from(i)).collect();
         let height: Vec<f64> = radius
             .iter()
-            .map(|&r| if r < 10.0 { r } else { 10.0 + 0.2 * (r - 10.0) })
+            .map(|&r| if r < 1.0 { r } else { 1.0 + 0.2 * (r - 1.0) })
             .collect();
         let profile = Profile::new(radius, height).expect("a profile");
-        let (height, slope) = profile.height_and_slope(8.5);
-        assert!((height - 8.5).abs() < 1e-9 && (slope - 1.0).abs() < 1e-9);
+        let (height, slope) = profile.height_and_slope(0.85);
+        assert!((height - 0.85).abs() < 1e-9 && (slope - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn profile_in_another_unit_is_refused_with_its_value_and_the_unit() {
+        let metres: Vec<(f64, f64)> = (0..30)
+            .map(|i| 0.005 * f64::from(i))
+            .map(|r| (r, 0.7 + r))
+            .collect();
+        let scaled = |scale: f64| {
+            let (radius, height) = metres.iter().map(|(r, h)| (scale * r, scale * h)).unzip();
+            Profile::new(radius, height)
+        };
+        scaled(1.0).expect("metres");
+        for (scale, value, unit) in [
+            (100.0, "height 70", "centimetres"),
+            (1000.0, "height 700", "millimetres"),
+        ] {
+            let message = scaled(scale).expect_err(unit).to_string();
+            assert!(
+                message.contains(value) && message.ends_with(unit),
+                "{message}"
+            );
+        }
     }
 
     #[test]

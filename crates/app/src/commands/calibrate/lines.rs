@@ -63,6 +63,7 @@ pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec
         camera,
         start,
         &setup.field,
+        &known_fields(),
         &images,
         &PipelineConfig::default().vision,
     )

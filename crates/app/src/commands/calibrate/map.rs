@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
-use localize::input_file;
+use anyhow::{Context, Result, anyhow};
 use localize::robot::{CameraConfig, RobotConfig};
+use localize::toml_file;
+use localize::toml_location::key_location;
 use serde::Serialize;
-use vision::calibrate::{ImageResidual, Strip, calibrate_strip, fit_mount};
+use vision::calibrate::{CalibrationError, ImageResidual, Strip, calibrate_strip, fit_mount};
 use vision::image::Image;
 use vision::{GroundMap, Mount, Profile, overlay};
 
@@ -95,9 +96,13 @@ pub(crate) fn calibrate_map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidua
     let robot = RobotConfig::load(&robot_file)?;
     let camera = camera_of(&robot, &robot_file)?;
     let path = args.dir.join("strip.toml");
-    let text =
-        input_file::read_text(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let strip: Strip = toml::from_str(&text).with_context(|| path.display().to_string())?;
+    let (strip, text): (Strip, _) = toml_file::read(&path)?;
+    strip.check().map_err(|error| match error {
+        CalibrationError::Value { key, .. } => {
+            anyhow!("{}: {error}", key_location(&path, &text, key))
+        }
+        error => error.into(),
+    })?;
     let images = load_strip_images(&args.dir)?;
     let calibration = calibrate_strip(&camera, &strip, &images)
         .with_context(|| args.dir.display().to_string())?;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use hw::DeviceEvent;
 use hw::camera::CapturedImage;
 use localize::{Field, Stamp};
@@ -86,12 +86,15 @@ impl LogRecorder {
         self.log.write_note(hw::now(), text);
     }
 
-    /// Completes the log; returns its files, too.
-    pub(super) fn finish(mut self) -> (Counts, Vec<PathBuf>) {
+    /// Completes the log; returns its files, too. Errors if there is none.
+    pub(super) fn finish(mut self) -> Result<(Counts, Vec<PathBuf>)> {
         if !self.inputs.odometry.is_empty() || !self.inputs.imu.is_empty() {
             self.write_cycle(hw::now(), Some("the recording ended".to_owned()));
         }
         let finished = self.log.finish();
+        if let Some(loss) = finished.loss() {
+            bail!("{loss}");
+        }
         if let Some(error) = finished.error {
             eprintln!("mirrorball: {error}");
         }
@@ -100,7 +103,7 @@ impl LogRecorder {
             images_dropped: finished.summary.images_dropped,
             ..self.counts
         };
-        (counts, finished.summary.files)
+        Ok((counts, finished.summary.files))
     }
 
     fn write_image(&mut self, image: CapturedImage) {

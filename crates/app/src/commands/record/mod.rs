@@ -142,7 +142,11 @@ fn record_log(
         recorder.write(event);
         Ok(())
     });
-    let (counts, files) = recorder.finish();
+    let (counts, files) = match recorder.finish() {
+        Ok(finished) => finished,
+        // The first error is the reason.
+        Err(loss) => return recorded.and(Err(loss)),
+    };
     if counts.frames == 0 {
         for file in &files {
             // It is this command's own, and holds no image. The failure below is reported.

@@ -13,14 +13,13 @@ pub(crate) struct LogFile {
 }
 
 impl LogFile {
-    /// Creates or truncates the file. `fault` receives the first write error.
-    pub(crate) fn create(path: &Path, fault: Arc<OnceLock<String>>) -> Result<Self> {
-        let file = BufWriter::new(File::create(path)?);
-        Ok(LogFile {
+    /// Writes to an empty file, which `path` names in messages. `fault` receives the first write error.
+    pub(crate) fn new(path: &Path, file: File, fault: Arc<OnceLock<String>>) -> Self {
+        LogFile {
             path: path.to_owned(),
-            file,
+            file: BufWriter::new(file),
             write_error: fault,
-        })
+        }
     }
 
     /// Flushes the buffer to the operating system.

@@ -13,6 +13,7 @@ mod wire_geometry;
 mod wire_world;
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
@@ -157,15 +158,14 @@ pub(crate) struct Sink {
 }
 
 impl Sink {
-    /// Starts a log file and opens its channels. Replaces an existing file.
-    pub(crate) fn create(path: &Path, pace: Pace) -> Result<(Self, Topics)> {
+    /// Starts a log in an empty file, which `path` names in messages, and opens its channels.
+    pub(crate) fn create(path: &Path, file: File, pace: Pace) -> Result<(Self, Topics)> {
         let chunk_bytes = match pace {
             Pace::Live => LIVE_CHUNK_BYTES,
             Pace::Lockstep => CHUNK_BYTES,
         };
         let fault = Arc::new(OnceLock::new());
-        let file = LogFile::create(path, fault.clone())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        let file = LogFile::new(path, file, fault.clone());
         // A seeking writer that is killed leaves a chunk without its length.
         let options = McapWriteOptions::new()
             .profile(PROJECT_NAME)
@@ -220,7 +220,11 @@ impl Sink {
     pub(crate) fn close(self) -> Result<()> {
         let fault = self.write_error.clone();
         let closed = self.file.close().and_then(|mut file| Ok(file.finish()?));
-        closed.map_err(|error| anyhow!("{}", fault.get().cloned().unwrap_or(error.to_string())))
+        // The SDK may go on after a failed write.
+        match (fault.get(), closed) {
+            (Some(error), _) => Err(anyhow!("{error}")),
+            (None, closed) => closed.map_err(|error| anyhow!("{error}")),
+        }
     }
 
     // After the first failure the SDK only says that there was one, so the stored error is reported.

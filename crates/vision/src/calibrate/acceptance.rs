@@ -1,0 +1,66 @@
+//! Is a map from field lines good enough to be used? By the share of points on markings, and by maps of two halves of the images.
+
+use crate::calibrate::CalibrationError;
+use crate::calibrate::halves::Disagreement;
+
+/// Below this share of the points on the field on markings, or above this disagreement of halves (metres), other fields
+/// are tried.
+const DOUBTFUL_SHARE: f64 = 0.92;
+const DOUBTFUL_DISAGREEMENT: f32 = 0.03;
+
+/// Another field is better if its odds of a point on a marking exceed those of the given one this many times.
+pub(super) const BETTER_FIELD_ODDS: f64 = 1.5;
+
+/// Smallest accepted share of the points on the field that lie on markings.
+const SHARE_MIN: f64 = 0.7;
+
+/// The same for images that are too few for a comparison of halves.
+const SHARE_MIN_UNCHECKED: f64 = 0.85;
+
+/// Largest accepted disagreement of the halves up to 3 m, metres.
+const DISAGREEMENT_MAX: f32 = 0.06;
+
+/// True if another field may explain the images better.
+pub(super) fn is_doubtful(share: f64, disagreement: Option<Disagreement>) -> bool {
+    let apart = disagreement.map_or(0.0, |apart| apart.near);
+    share < DOUBTFUL_SHARE || apart > DOUBTFUL_DISAGREEMENT
+}
+
+/// Odds that a point lies on a marking.
+pub(super) fn odds(share: f64) -> f64 {
+    share / (1.0 - share).max(1e-3)
+}
+
+/// Refuses images of another field. `share`: of the points on the field that lie on markings.
+pub(super) fn ensure_field_explains(
+    share: f64,
+    disagreement: Option<Disagreement>,
+) -> Result<(), CalibrationError> {
+    let share_min = match disagreement {
+        Some(_) => SHARE_MIN,
+        None => SHARE_MIN_UNCHECKED,
+    };
+    if share >= share_min {
+        return Ok(());
+    }
+    Err(CalibrationError::WrongField {
+        share_percent: (100.0 * share) as u32,
+        hint: "Check the sizes in the field file; if they are right, take more images, with the centre circle and corners \
+               in view"
+            .into(),
+    })
+}
+
+/// Refuses images whose halves give different maps.
+pub(super) fn ensure_halves_agree(
+    disagreement: Option<Disagreement>,
+) -> Result<(), CalibrationError> {
+    match disagreement {
+        Some(apart) if apart.near > DISAGREEMENT_MAX => Err(CalibrationError::Undecided(format!(
+            "the maps of two halves of the images differ by {:.0} cm up to 3 m. Take more images of one camera all over the \
+             field, with the centre circle and corners in view",
+            100.0 * apart.near
+        ))),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,59 @@
+//! Calibration of the ground map from the field's lines and a prior map.
+
+use localize::Field;
+use localize::robot::CameraConfig;
+
+use crate::calibrate::CalibrationError;
+use crate::calibrate::acceptance::{
+    BETTER_FIELD_ODDS, ensure_field_explains, ensure_halves_agree, is_doubtful, odds,
+};
+use crate::calibrate::halves::compare_halves;
+use crate::calibrate::lines::{LinesCalibration, NamedImage, fit_guess};
+use crate::config::VisionConfig;
+use crate::optics::ground_map::GroundMap;
+
+/// Calibrates the map from images anywhere on the field.
+///
+/// `start`: a prior map, may be a fifth off. `other_fields`: named fields that are tried if the images fit this one badly.
+/// Errors if the images show another field, or do not decide the map.
+pub fn calibrate_lines(
+    camera: &CameraConfig,
+    start: &GroundMap,
+    field: &Field,
+    other_fields: &[(String, Field)],
+    images: &[NamedImage],
+    vision_config: &VisionConfig,
+) -> Result<LinesCalibration, CalibrationError> {
+    let fit = |field: &Field| fit_guess(camera, start, field, images, vision_config);
+    let found = fit(field)?;
+    let disagreement = compare_halves(camera, &found.map, field, images, vision_config, &found);
+    if is_doubtful(found.on_field_share, disagreement) {
+        let own = explained_share(&found);
+        // A field on which too few images find a place explains nothing.
+        let others = other_fields
+            .iter()
+            .filter_map(|(name, other)| Some((name, explained_share(&fit(other).ok()?))));
+        let best = others.max_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((name, other)) = best
+            && odds(other) > BETTER_FIELD_ODDS * odds(own)
+        {
+            return Err(CalibrationError::WrongField {
+                share_percent: (100.0 * own) as u32,
+                hint: format!("{name} fits better, with {:.0} %", 100.0 * other),
+            });
+        }
+    }
+    ensure_field_explains(found.on_field_share, disagreement)?;
+    ensure_halves_agree(disagreement)?;
+    Ok(found)
+}
+
+/// Share of the line points of all images that a calibration puts on markings.
+fn explained_share(found: &LinesCalibration) -> f64 {
+    let points = |used_only: bool| {
+        let images = found.images.iter();
+        let counted = images.filter(|image| !used_only || image.left_out.is_none());
+        counted.map(|image| image.points as f64).sum::<f64>()
+    };
+    found.inlier_share * points(true) / points(false).max(1.0)
+}
