@@ -39,7 +39,11 @@ pub fn calibrate_lines(
         {
             return Err(CalibrationError::WrongField {
                 share_percent: (100.0 * own) as u32,
-                hint: format!("{name} fits better, with {:.0} %", 100.0 * other),
+                hint: format!(
+                    "{name} fits better, with {:.0} %. If the field file is right, the initial map is of another mirror: try \
+                     --from-nothing",
+                    100.0 * other
+                ),
             });
         }
     }
