@@ -75,7 +75,7 @@ def test_run_that_loses_an_output_fails_and_names_it(tmp_path: Path) -> None:
         done = run("run", "--robot", tmp_path / "robot", "--record", log, "--duration", 2, **on_full_disk(size))
         assert done.returncode == 1
         message = done.stderr.splitlines()[-1]
-        assert message.startswith("mirrorball: ") and "game.mcap was removed" in message, done.stderr
+        assert message.startswith("mirrorball: ") and "was removed, because the disk was full" in message, done.stderr
         assert names(out) == ["poses.csv"]
 
 

@@ -95,6 +95,9 @@ class Processes:
     def __init__(self, program: Path, out: Path, seconds: float, faults: list[dict[str, Any]], rate: int) -> None:
         """Starts the hardware, then the robot."""
         self.out = out
+        # `run` never replaces a log.
+        for log in out.glob("log*.mcap"):
+            log.unlink()
         (out / "patrol.toml").write_text(PATROL)
         write_plan(out / "faults.toml", faults)
         robot = out / "robot"

@@ -28,7 +28,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
         part.replace(path)
     except BaseException as error:
         part.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
-            # A failed write does not name its file.
+        if isinstance(error, OSError) and error.errno is not None and str(error.filename) in ("None", str(part)):
+            # A failed write does not name its file, and the part is no name that a user gave.
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise
