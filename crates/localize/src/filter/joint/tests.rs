@@ -53,6 +53,29 @@ fn predict_and_update(
 }
 
 #[test]
+fn noise_of_slow_wheels_does_not_shrink_their_scale() {
+    let (mut filter, config) = stationary_filter();
+    let mut state = 1u32;
+    let mut uniform = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+    };
+    let (amplitude, frequency) = (0.3, std::f32::consts::PI);
+    for step in 0..6000 {
+        let time = step as f32 * DT;
+        let speed = |time: f32| amplitude * (frequency * time).sin();
+        let acceleration = (speed(time + DT) - speed(time)) / DT;
+        let mean = 0.5 * (speed(time) + speed(time + DT));
+        // 2 mm in each sample of 2 mm on average.
+        let noise = 0.002 * (0..12).map(|_| uniform()).sum::<f32>() / DT;
+        let wheels = [mean + noise, 0.0, 0.0];
+        predict_and_update(&mut filter, [acceleration, 0.0], [0.0; 3], wheels, &config);
+    }
+    let scale = filter.state[super::odometry_correction::entry(0, 0)];
+    assert!((scale - 1.0).abs() < 0.05, "{scale}");
+}
+
+#[test]
 fn wheel_slip_does_not_bias_dead_reckoning_with_an_imu() {
     let (mut filter, config) = stationary_filter();
     let bias = [0.1, -0.08];

@@ -75,12 +75,15 @@ impl JointFilter {
             [-along.y, along.x, 0.0],
             [0.0, 0.0, 1.0],
         ];
-        for (direction, (axis, terms)) in axes.into_iter().zip(variances).enumerate() {
-            let terms = terms.map(|variance| rolling * variance);
-            let slip = if direction < 2 { slip * slip } else { 0.0 };
-            let variance = terms.iter().sum::<f32>() + rolling * slip;
+        let terms = variances.map(|terms| terms.map(|variance| rolling * variance));
+        let slip = rolling * slip * slip;
+        let variances = [slip, slip, 0.0];
+        let variances = [0, 1, 2].map(|k| terms[k].iter().sum::<f32>() + variances[k]);
+        let expected = self.expected_motion(measured, axes.into_iter().zip(variances));
+        for (direction, axis) in axes.into_iter().enumerate() {
+            let (terms, variance) = (terms[direction], variances[direction]);
             let innovation = self.wheel_innovation(measured, axis);
-            let (jacobian, count) = self.wheel_jacobian(measured, axis);
+            let (jacobian, count) = self.wheel_jacobian(expected, axis);
             let total = self.update_scalar(&jacobian[..count], innovation, variance);
             if self.imu_active {
                 // Without an inertial unit the prediction is deliberately vague, and the innovation says nothing.
@@ -105,15 +108,55 @@ impl JointFilter {
             .sum()
     }
 
-    /// Row of H along `axis`, the derivative of h, and the number of its entries.
-    fn wheel_jacobian(&self, measured: [f32; 3], axis: [f32; 3]) -> (Jacobian, usize) {
+    /// The motion between a measured and the predicted one, by their variances along each axis.
+    ///
+    /// The correction is learned from it: with the measured motion its noise would count as motion that the inertial unit does not
+    /// see, and the scales would shrink.
+    fn expected_motion(
+        &self,
+        measured: [f32; 3],
+        axes: impl Iterator<Item = ([f32; 3], f32)>,
+    ) -> [f32; 3] {
+        let mut expected = measured;
+        for (axis, variance) in axes {
+            let predicted = self.predicted_variance(axis);
+            let share = variance / (predicted + variance).max(f32::MIN_POSITIVE);
+            let innovation = self.wheel_innovation(measured, axis);
+            for (expected, axis) in expected.iter_mut().zip(axis) {
+                *expected -= axis * share * innovation;
+            }
+        }
+        expected
+    }
+
+    /// Variance of the predicted wheel motion Δ + T s along `axis`.
+    fn predicted_variance(&self, axis: [f32; 3]) -> f32 {
+        let (p, dt) = (&self.covariance, self.wheel_interval);
+        let of_pair = |i: usize, j: usize| {
+            let (increments, slips) = (
+                [WHEEL_INCREMENT + i, WHEEL_INCREMENT + j],
+                [SLIP + i, SLIP + j],
+            );
+            p[increments[0]][increments[1]]
+                + dt * (p[increments[0]][slips[1]] + p[slips[0]][increments[1]])
+                + dt * dt * p[slips[0]][slips[1]]
+        };
+        let pairs = (0..3).flat_map(|i| (0..3).map(move |j| [i, j]));
+        pairs
+            .map(|[i, j]| axis[i] * axis[j] * of_pair(i, j))
+            .sum::<f32>()
+            .max(0.0)
+    }
+
+    /// Row of H along `axis`, the derivative of h at a motion, and the number of its entries.
+    fn wheel_jacobian(&self, motion: [f32; 3], axis: [f32; 3]) -> (Jacobian, usize) {
         let mut row = Jacobian::default();
         let mut count = 0;
         for (i, factor) in axis.into_iter().enumerate().filter(|(_, a)| *a != 0.0) {
             row[count] = (WHEEL_INCREMENT + i, factor);
             row[count + 1] = (SLIP + i, factor * self.wheel_interval);
             for j in 0..3 {
-                row[count + 2 + j] = (entry(i, j), -factor * measured[j]);
+                row[count + 2 + j] = (entry(i, j), -factor * motion[j]);
             }
             count += 5;
         }
@@ -125,11 +168,7 @@ impl JointFilter {
         let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let innovation = axes.map(|axis| self.wheel_innovation(measured, axis));
         let per_second = 1.0 / self.wheel_interval;
-        let variance = |k: usize| {
-            let p = &self.covariance;
-            let (increment, slip, dt) = (WHEEL_INCREMENT + k, SLIP + k, self.wheel_interval);
-            p[increment][increment] + dt * (2.0 * p[increment][slip] + dt * p[slip][slip])
-        };
+        let variance = |k: usize| self.predicted_variance(axes[k]);
         let std = |variance: f32| variance.max(0.0).sqrt() * per_second;
         WheelMismatch {
             speed: Measured {
