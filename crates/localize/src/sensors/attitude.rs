@@ -72,8 +72,12 @@ impl Default for AttitudeConfig {
 const TIME_CONSTANT_AGE_SHARE: f32 = 0.25;
 /// Smallest time constant of the gravity correction, seconds.
 const TIME_CONSTANT_MIN: f32 = 2.0;
-/// Smoothing of the measured force, seconds. It equals that of the wheels' acceleration with coarse encoders.
-const FORCE_SMOOTHING_TIME: f32 = 0.05;
+/// Smoothing of the measured force without the wheels' acceleration, twice, seconds. The second difference of coarse or noisy wheel
+/// samples is tens of m/s².
+const FORCE_SMOOTHING_TIME: f32 = 0.15;
+/// Deviation of the first force from that of an upright robot up to which it is gravity, m/s² (2 degrees). Beyond it the robot may
+/// accelerate, and is taken to be upright.
+const UPRIGHT_DEVIATION_MAX: f32 = 0.35;
 /// Smoothing of the compass deviation, seconds.
 const COMPASS_SMOOTHING_TIME: f32 = 0.3;
 
@@ -84,8 +88,8 @@ pub struct Attitude {
     earth_from_robot: Matrix3<f32>,
     /// rad/s, robot frame.
     gyro_bias: Vector3<f32>,
-    /// Measured force without the robot's own acceleration, m/s².
-    smoothed_force: Vector3<f32>,
+    /// Measured force without the robot's own acceleration, smoothed once and twice, robot frame, m/s².
+    smoothed_force: [Vector3<f32>; 2],
     /// Time for which the force has not been gravity, seconds.
     gravity_rejected_for: f32,
     /// Time since the alignment to gravity, seconds. None before it.
@@ -108,7 +112,7 @@ impl Default for Attitude {
         Attitude {
             earth_from_robot: Matrix3::identity(),
             gyro_bias: Vector3::zeros(),
-            smoothed_force: Vector3::zeros(),
+            smoothed_force: [Vector3::zeros(); 2],
             gravity_rejected_for: 0.0,
             aligned_for: None,
             compass_deviation: None,
@@ -167,24 +171,19 @@ impl Attitude {
             force[1] - wheel_acceleration[1],
             force[2],
         );
-        let share = 1.0 - math::exp(-seconds / FORCE_SMOOTHING_TIME);
-        self.smoothed_force = match self.aligned_for {
-            Some(_) => self.smoothed_force + (force - self.smoothed_force) * share,
-            None => force,
+        let Some(age) = self.aligned_for else {
+            self.start(force);
+            return;
         };
-        let magnitude = self.smoothed_force.norm();
+        self.smooth_force(force, rate, seconds);
+        let force = self.smoothed_force[1];
+        let magnitude = force.norm();
         if !(magnitude > 0.1 * GRAVITY) {
             return;
         }
-        let measured_up = self.smoothed_force / magnitude;
-        let Some(age) = self.aligned_for else {
-            if (magnitude - GRAVITY).abs() < config.gravity_deviation_max {
-                self.align_to_gravity(&measured_up);
-            }
-            return;
-        };
+        let measured_up = force / magnitude;
         // The gyro follows fast tilts. The remaining deviation is an acceleration that the wheels do not measure.
-        let deviation = (self.smoothed_force - self.up() * GRAVITY).norm();
+        let deviation = (force - self.up() * GRAVITY).norm();
         let weight = (1.0 - deviation / config.gravity_deviation_max).max(0.0);
         self.gravity_rejected_for = if weight > 0.0 {
             0.0
@@ -206,6 +205,28 @@ impl Attitude {
         self.gyro_bias -= error * (0.25 * gain / time * seconds);
         let rotation = (Vector3::from(rate) - self.gyro_bias + error * gain) * seconds;
         self.integrate_rotation(&rotation);
+    }
+
+    /// Starts from the first measured force.
+    fn start(&mut self, force: Vector3<f32>) {
+        self.smoothed_force = [force; 2];
+        let upright = Vector3::new(0.0, 0.0, GRAVITY);
+        if (force - upright).norm() < UPRIGHT_DEVIATION_MAX {
+            self.align_to_gravity(&force.normalize());
+        }
+        self.aligned_for = Some(0.0);
+    }
+
+    fn smooth_force(&mut self, force: Vector3<f32>, rate: [f32; 3], seconds: f32) {
+        let share = 1.0 - math::exp(-seconds / FORCE_SMOOTHING_TIME);
+        let turn = (Vector3::from(rate) - self.gyro_bias) * seconds;
+        let mut input = force;
+        for smoothed in &mut self.smoothed_force {
+            // What was measured before, in the axes of the robot that has turned since.
+            *smoothed -= turn.cross(smoothed);
+            *smoothed += (input - *smoothed) * share;
+            input = *smoothed;
+        }
     }
 
     /// Sets the up direction and keeps the heading.
@@ -311,6 +332,36 @@ mod tests {
         assert!((a - tilt.sin()).abs() < 1e-3 && b.abs() < 1e-3, "{a} {b}");
         for (estimated, bias) in attitude.gyro_bias().iter().zip(bias) {
             assert!((estimated - bias).abs() < 2e-3, "{estimated} {bias}");
+        }
+    }
+
+    #[test]
+    fn acceleration_at_the_start_is_no_tilt() {
+        let mut attitude = Attitude::default();
+        // The magnitude deviates from gravity by 0.3 m/s² only; as a tilt it would be 14 degrees.
+        feed_imu(&mut attitude, 0.5, [0.0; 3], [2.5, 0.0, GRAVITY]);
+        feed_imu(&mut attitude, 0.5, [0.0; 3], [0.0, 0.0, GRAVITY]);
+        let [a, b] = attitude.tilt().map(f32::to_degrees);
+        assert!(a.abs() < 1.0 && b.abs() < 1.0, "{a} {b}");
+    }
+
+    #[test]
+    fn coarse_encoders_do_not_tilt_the_robot() {
+        let config = AttitudeConfig::default();
+        let mut attitude = Attitude::default();
+        // Steps of 1 cm in one of two intervals of 20 ms: second differences of 25 m/s², three times as long as rejected forces
+        // are tolerated.
+        for step in 0..3000 {
+            let acceleration = if step / 2 % 2 == 0 { 25.0 } else { -25.0 };
+            attitude.update_imu(
+                [0.0; 3],
+                [0.0, 0.0, GRAVITY],
+                [acceleration, 0.0],
+                DT,
+                &config,
+            );
+            let [a, b] = attitude.tilt().map(f32::to_degrees);
+            assert!(a.abs() < 1.0 && b.abs() < 1.0, "{step}: {a} {b}");
         }
     }
 
