@@ -115,9 +115,10 @@ def test_interrupted_simulation_leaves_a_complete_log(tmp_path: Path) -> None:
     # A shell's background jobs ignore the interrupt, and so would this one.
     heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     with subprocess.Popen(program, env=environment, stderr=subprocess.PIPE, text=True, preexec_fn=heed) as running:
-        while running.poll() is None and not (tmp_path / "game.mcap").exists():
+        # A simulation's log gets its name when it is complete.
+        part = tmp_path / f"game.mcap.{running.pid}.part"
+        while running.poll() is None and (not part.exists() or part.stat().st_size < 1_000_000):
             time.sleep(0.05)
-        time.sleep(1.0)
         running.send_signal(signal.SIGINT)
         _, errors = running.communicate(timeout=60)
     assert "KeyboardInterrupt" in errors
