@@ -4,20 +4,21 @@ use std::time::Instant;
 
 use anyhow::Result;
 use localize::config::LocalizeConfig;
+use localize::estimate::Estimate;
 use localize::field::GoalColour;
 use localize::localizer::{CooperativeConfig, Localizer};
 use localize::map_correction::MapCorrection;
 use localize::robot::{ExposureSetting, ImuCalibration, OdometryCalibration};
 use localize::sample::{GoalObservation, LinePoint};
-use localize::team::TeamModel;
-use localize::world::WorldModel;
+use localize::team::{TeamModel, TeamView};
+use localize::world::{WorldModel, WorldView};
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
-use vision::exposure::{AutoExposure, ExposureStatus};
+use vision::exposure::AutoExposure;
 use vision::image::ImageView;
 use vision::image_check::ImageCheck;
 use vision::objects::goals::GoalKind;
-use vision::process::{Detections, Vision};
+use vision::process::{Detections, FoundLines, Vision};
 use vision::scan::pattern::ScanLines;
 
 use crate::config::PipelineConfig;
@@ -25,7 +26,7 @@ use crate::cycle::{Cycle, Inputs, Timings};
 use crate::interlace::Interlace;
 use crate::observations::{correct_goals, object_observations};
 use crate::paths;
-use crate::sample::{CameraImage, ImageContent, Sample, SettingsChange, SourceImage};
+use crate::sample::{CameraImage, ImageContent, Sample, SettingsChange};
 use crate::scan_map_cache::{self, CacheStatus};
 use crate::setup::Setup;
 use crate::warm_start::{StampedPose, WarmStart};
@@ -73,11 +74,10 @@ pub struct Pipeline {
 /// What one image gave: features for localization, or the reason why there are none.
 #[derive(Default)]
 struct Features {
+    /// Those of an earlier run.
     detections: Option<Detections>,
     line_points: Vec<LinePoint>,
     goals: Vec<GoalObservation>,
-    exposure: Option<ExposureStatus>,
-    image: Option<SourceImage>,
     fault: Option<String>,
 }
 
@@ -102,11 +102,7 @@ impl Pipeline {
         if let Some(calibration) = compass.and_then(|compass| compass.calibration) {
             localize.compass.calibration = Some(calibration);
         }
-        if let Some(timing) = setup.robot.timing
-            && localize.filter.camera_latency == 0.0
-        {
-            localize.filter.camera_latency = timing.camera_latency;
-        }
+        localize.filter.camera_latency = setup.camera_latency(&localize.filter);
         let cooperative = team.cooperative.clone();
         let team = TeamModel::new(team).with_flight(&world.flight);
         let interlace = Interlace::new(vision.scan.interlaced_points_min);
@@ -249,6 +245,15 @@ impl Pipeline {
 
     /// Takes a sample; an image ends a cycle.
     pub fn process_sample(&mut self, sample: Sample) -> Option<Cycle> {
+        self.process_sample_with(sample, |_| {})
+    }
+
+    /// As [`Pipeline::process_sample`], and passes on an image's estimate as soon as it is known: before objects are sought.
+    pub fn process_sample_with(
+        &mut self,
+        sample: Sample,
+        on_estimate: impl FnOnce(&Estimate),
+    ) -> Option<Cycle> {
         match sample {
             Sample::Odometry(odometry) => self.inputs.odometry.push(odometry),
             Sample::Compass(compass) => self.inputs.compass.push(compass),
@@ -261,16 +266,14 @@ impl Pipeline {
                 self.inputs.warm_start = change.warm_start;
             }
             Sample::SetupDoubt(covariance) => self.mark_setup_doubtful(covariance),
-            Sample::Image(image) => return Some(self.process_image(image)),
+            Sample::Image(image) => return Some(self.process_image(image, on_estimate)),
         }
         None
     }
 
     /// As an image sample whose pixels stay the caller's: the cycle's inputs have none.
     pub fn process_pixels(&mut self, stamp: Stamp, image: &ImageView<'_>) -> Cycle {
-        let started = Instant::now();
-        let features = self.features_of_pixels(stamp, image, None);
-        self.localize(stamp, features, None, started)
+        self.process_view(stamp, image, None, |_| {})
     }
 
     /// As an image sample of line points alone.
@@ -279,28 +282,91 @@ impl Pipeline {
             line_points,
             ..Features::default()
         };
-        self.localize(stamp, features, None, Instant::now())
+        self.process_features(stamp, features, |_| {})
     }
 
-    fn process_image(&mut self, image: CameraImage) -> Cycle {
+    fn process_image(&mut self, image: CameraImage, on_estimate: impl FnOnce(&Estimate)) -> Cycle {
+        let CameraImage {
+            stamp,
+            setting,
+            content,
+        } = image;
+        self.inputs.exposure_setting = setting;
+        let features = match content {
+            ImageContent::Pixels(image) => {
+                let cycle = self.process_view(stamp, &image.view(), setting, on_estimate);
+                let inputs = Inputs {
+                    image: Some(image),
+                    ..cycle.inputs
+                };
+                return Cycle { inputs, ..cycle };
+            }
+            ImageContent::Features { points, goals } => Features {
+                line_points: points,
+                goals,
+                ..Features::default()
+            },
+            ImageContent::Detections(detections) => {
+                let features = Features::from_detections(&detections);
+                Features {
+                    detections: Some(*detections),
+                    ..features
+                }
+            }
+            ImageContent::Unreadable(reason) => Features::from_fault(reason),
+        };
+        self.process_features(stamp, features, on_estimate)
+    }
+
+    /// Pose first, then objects.
+    fn process_view(
+        &mut self,
+        stamp: Stamp,
+        image: &ImageView<'_>,
+        setting: Option<ExposureSetting>,
+        on_estimate: impl FnOnce(&Estimate),
+    ) -> Cycle {
         let started = Instant::now();
-        let features = self.extract_features(image.stamp, image.content, image.setting);
-        self.localize(image.stamp, features, image.setting, started)
+        let control = self.exposure.as_mut();
+        let exposure = control.and_then(|control| control.process(image, setting));
+        let light_jumped = exposure.is_some_and(|status| status.setting_changed_brightness);
+        let found = self.find_lines(stamp, image, light_jumped);
+        let (features, found) = match found {
+            Ok(found) => (Features::from_detections(&found.detections), Some(found)),
+            Err(fault) => (Features::from_fault(fault), None),
+        };
+        let lines_ms = elapsed_ms(started);
+        let mut cycle = self.estimate_pose(stamp, features);
+        on_estimate(&cycle.estimate);
+        let started = Instant::now();
+        if let (Some(found), Some(vision)) = (found, &mut self.vision) {
+            cycle.detections = Some(vision.find_objects(image, found));
+        }
+        if let Some(check) = &mut self.image_check {
+            check.check_mounting(image);
+        }
+        cycle.exposure = exposure;
+        cycle.timings.see_ms = lines_ms + elapsed_ms(started);
+        self.update_world(&mut cycle);
+        cycle
     }
 
-    /// Ends the cycle of an image that vision began to process at `started`.
-    fn localize(
+    fn process_features(
         &mut self,
         stamp: Stamp,
         features: Features,
-        setting: Option<ExposureSetting>,
-        started: Instant,
+        on_estimate: impl FnOnce(&Estimate),
     ) -> Cycle {
-        let see_ms = elapsed_ms(started);
+        let mut cycle = self.estimate_pose(stamp, features);
+        on_estimate(&cycle.estimate);
+        self.update_world(&mut cycle);
+        cycle
+    }
+
+    /// Starts a cycle: everything up to the robot's pose.
+    fn estimate_pose(&mut self, stamp: Stamp, features: Features) -> Cycle {
         let started = Instant::now();
-        let mut inputs = std::mem::take(&mut self.inputs);
-        inputs.image = features.image;
-        inputs.exposure_setting = setting;
+        let inputs = std::mem::take(&mut self.inputs);
         self.add_inputs(&inputs);
         if let Some(covariance) = inputs.setup_doubt {
             self.doubt = (covariance != Matrix3::zeros()).then_some(covariance);
@@ -312,19 +378,6 @@ impl Pipeline {
             estimate.mark_setup_doubtful(covariance);
         }
         self.interlace.update(&estimate);
-        let observations = features
-            .detections
-            .as_ref()
-            .map(|detections| object_observations(detections, self.localizer.map_correction()));
-        let world = self.world.update(stamp, observations.as_ref(), &estimate);
-        let mut team = self.team.update(stamp, &world, &estimate);
-        // For the next image: this image's estimate is final already.
-        self.localizer.add_half_log_odds(team.half_log_odds);
-        let sightings = self.team.take_sightings(&estimate);
-        let outcomes = self
-            .localizer
-            .apply_team_sightings(&sightings, &self.cooperative);
-        team.sightings = self.team.judge_sightings(&sightings, &outcomes);
         self.last_pose = estimate
             .pose
             .map(|pose| StampedPose::new(stamp, pose, &estimate.covariance));
@@ -334,58 +387,37 @@ impl Pipeline {
             detections: features.detections,
             line_points: features.line_points,
             estimate,
-            world,
-            team,
-            exposure: features.exposure,
+            world: WorldView::default(),
+            team: TeamView::default(),
+            exposure: None,
             image_fault: features.fault,
             timings: Timings {
-                see_ms,
+                see_ms: 0.0,
                 localize_ms: elapsed_ms(started),
             },
         }
     }
 
-    fn extract_features(
-        &mut self,
-        stamp: Stamp,
-        content: ImageContent,
-        setting: Option<ExposureSetting>,
-    ) -> Features {
-        match content {
-            ImageContent::Pixels(image) => {
-                let features = self.features_of_pixels(stamp, &image.view(), setting);
-                Features {
-                    image: Some(image),
-                    ..features
-                }
-            }
-            ImageContent::Features { points, goals } => Features {
-                line_points: points,
-                goals,
-                ..Features::default()
-            },
-            ImageContent::Detections(detections) => Features::from_detections(*detections),
-            ImageContent::Unreadable(reason) => Features::from_fault(reason),
-        }
-    }
-
-    fn features_of_pixels(
-        &mut self,
-        stamp: Stamp,
-        image: &ImageView<'_>,
-        setting: Option<ExposureSetting>,
-    ) -> Features {
-        let control = self.exposure.as_mut();
-        let exposure = control.and_then(|control| control.process(image, setting));
-        let light_jumped = exposure.is_some_and(|status| status.setting_changed_brightness);
-        let features = match self.run_vision(stamp, image, light_jumped) {
-            Ok(detections) => Features::from_detections(detections),
-            Err(fault) => Features::from_fault(fault),
-        };
-        Features {
-            exposure,
-            ..features
-        }
+    /// Ends a cycle: ball, robots and team, from its detections and its pose.
+    fn update_world(&mut self, cycle: &mut Cycle) {
+        let started = Instant::now();
+        let (stamp, estimate) = (cycle.stamp, &cycle.estimate);
+        let observations = cycle
+            .detections
+            .as_ref()
+            .map(|detections| object_observations(detections, self.localizer.map_correction()));
+        let world = self.world.update(stamp, observations.as_ref(), estimate);
+        let mut team = self.team.update(stamp, &world, estimate);
+        // For the next image: this image's estimate is final already.
+        self.localizer.add_half_log_odds(team.half_log_odds);
+        let sightings = self.team.take_sightings(estimate);
+        let outcomes = self
+            .localizer
+            .apply_team_sightings(&sightings, &self.cooperative);
+        team.sightings = self.team.judge_sightings(&sightings, &outcomes);
+        cycle.world = world;
+        cycle.team = team;
+        cycle.timings.localize_ms += elapsed_ms(started);
     }
 
     fn add_inputs(&mut self, inputs: &Inputs) {
@@ -415,13 +447,13 @@ impl Pipeline {
         }
     }
 
-    /// `light_jumped`: the exposure differs strongly from that of the previous image.
-    fn run_vision(
+    /// What localization needs of an image. `light_jumped`: the exposure differs strongly from that of the previous image.
+    fn find_lines(
         &mut self,
         stamp: Stamp,
         image: &ImageView<'_>,
         light_jumped: bool,
-    ) -> Result<Detections, String> {
+    ) -> Result<FoundLines, String> {
         let Some(vision) = &mut self.vision else {
             return Err("an image, but robot.toml has no [camera]".to_owned());
         };
@@ -435,24 +467,24 @@ impl Pipeline {
             vision.reset_colour_model();
         }
         let lines = self.interlace.lines(gap);
-        let detections = vision
-            .process_with(image, lines)
+        let found = vision
+            .find_lines(image, lines)
             .map_err(|error| error.to_string())?;
-        self.interlace.set_read(match detections.colours_learned {
-            true => ScanLines::All,
-            false => lines,
-        });
-        Ok(detections)
+        self.interlace
+            .set_read(match found.detections.colours_learned {
+                true => ScanLines::All,
+                false => lines,
+            });
+        Ok(found)
     }
 }
 
 impl Features {
-    fn from_detections(detections: Detections) -> Self {
+    fn from_detections(detections: &Detections) -> Self {
         let points = detections.line_points.iter();
         Features {
             line_points: points.map(|candidate| candidate.point).collect(),
-            goals: goal_observations(&detections),
-            detections: Some(detections),
+            goals: goal_observations(detections),
             ..Features::default()
         }
     }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail, ensure};
 use localize::Field;
 use localize::config::LocalizeConfig;
+use localize::filter::FilterConfig;
 use localize::map_correction::MapBasis;
 use localize::robot::{CameraConfig, CameraSection, RobotConfig};
 use vision::calibrate::mask::load_mask;
@@ -135,6 +136,15 @@ impl Setup {
             Some(profile) => map_basis::basis_from_profile(camera, profile, height, config)?,
             None => map_basis::basis_from_map(camera, map, height, config),
         }))
+    }
+
+    /// Age of an image at its stamp, seconds: that of the settings, else that of robot.toml.
+    pub fn camera_latency(&self, filter: &FilterConfig) -> f32 {
+        let own = self.robot.timing.map(|timing| timing.camera_latency);
+        match (filter.camera_latency, own) {
+            (0.0, Some(own)) => own,
+            (latency, _) => latency,
+        }
     }
 
     /// Standard deviation of the map's origin from the robot's centre, per axis, metres: that of robot.toml, else `default`.

@@ -23,7 +23,7 @@ use super::raw_image::raw_image;
 use super::replay_start::ReplayStart;
 use super::robot_folder::RobotFolder;
 use super::setup_watch::SetupWatch;
-use super::status::{OperatorNotices, RunOutcome, RunReport, RunStatus};
+use super::status::{CycleTimes, OperatorNotices, RunOutcome, RunReport, RunStatus};
 use super::stop_flag::StopFlag;
 use super::teleop;
 use super::tuning::Tuning;
@@ -335,16 +335,26 @@ impl RunLoop {
                 self.pipeline.process_sample(Sample::TeamReport(report));
             }
         }
-        let Some(cycle) = self.pipeline.process_sample(sample) else {
+        // Commands in the field's frame need the pose alone, which is known before ball and robots.
+        let arbiter = &self.arbiter;
+        let mut located = received;
+        let cycle = self.pipeline.process_sample_with(sample, |estimate| {
+            arbiter.set_pose(estimate.stamp, estimate.pose);
+            located = hw::now();
+        });
+        let Some(cycle) = cycle else {
             return;
         };
-        self.arbiter.set_pose(cycle.stamp, cycle.estimate.pose);
         state.camera_command = cycle.camera_command().or(state.camera_command.take());
-        let published = hw::now();
-        status.count_cycle(&cycle, received, published);
         state.setup_watch.add_cycle(&cycle);
         let cycle = Arc::new(cycle);
         self.feed.publish(&cycle);
+        let times = CycleTimes {
+            received,
+            located,
+            published: hw::now(),
+        };
+        status.count_cycle(&cycle, &times);
         let pose_writer = self.pose_writer.as_mut();
         if let Some(text) = pose_writer.and_then(|poses| poses.write_cycle(&cycle)) {
             status.report_log_change(&text);

@@ -41,8 +41,10 @@ pub(crate) struct RunReport {
     pub global: u64,
     /// Cycles without a pose.
     pub lost: u64,
-    /// From the image's exposure until its pose was published, milliseconds.
+    /// From the image's exposure until commands use its pose, milliseconds.
     pub latency_ms: LatencySummary,
+    /// From the exposure until the whole cycle was published, ball and robots included, milliseconds.
+    pub cycle_latency_ms: LatencySummary,
     /// From the exposure until the pipeline received the image, milliseconds.
     pub arrival_ms: LatencySummary,
     /// Image to features, milliseconds.
@@ -128,6 +130,16 @@ struct ModeCounts {
     lost: u64,
 }
 
+/// When the parts of a cycle were done.
+pub(crate) struct CycleTimes {
+    /// The pipeline received the image.
+    pub(crate) received: Stamp,
+    /// Commands use its pose.
+    pub(crate) located: Stamp,
+    /// Every subscriber has the cycle, ball and robots included.
+    pub(crate) published: Stamp,
+}
+
 /// Collects statistics of a run and prints its messages.
 pub(crate) struct RunStatus {
     started: Stamp,
@@ -139,6 +151,7 @@ pub(crate) struct RunStatus {
     cycles_without_image: u64,
     modes: ModeCounts,
     latency: LatencyHistogram,
+    cycle_latency: LatencyHistogram,
     arrival: LatencyHistogram,
     vision_time: LatencyHistogram,
     localize: LatencyHistogram,
@@ -162,6 +175,7 @@ impl RunStatus {
             cycles_without_image: 0,
             modes: ModeCounts::default(),
             latency: LatencyHistogram::default(),
+            cycle_latency: LatencyHistogram::default(),
             arrival: LatencyHistogram::default(),
             vision_time: LatencyHistogram::default(),
             localize: LatencyHistogram::default(),
@@ -177,8 +191,8 @@ impl RunStatus {
         hw::now() - self.started
     }
 
-    /// Counts a cycle; `received` and `published`: when the pipeline received its image, and when its pose was published.
-    pub(crate) fn count_cycle(&mut self, cycle: &Cycle, received: Stamp, published: Stamp) {
+    /// Counts a cycle.
+    pub(crate) fn count_cycle(&mut self, cycle: &Cycle, times: &CycleTimes) {
         match cycle.estimate.mode {
             Mode::Tracking => self.modes.tracking += 1,
             Mode::Global => self.modes.global += 1,
@@ -189,8 +203,10 @@ impl RunStatus {
             return;
         }
         self.frames += 1;
-        self.arrival.add((received - cycle.stamp) * 1e3);
-        self.latency.add((published - cycle.stamp) * 1e3);
+        let since_exposure_ms = |time: Stamp| (time - cycle.stamp) * 1e3;
+        self.arrival.add(since_exposure_ms(times.received));
+        self.latency.add(since_exposure_ms(times.located));
+        self.cycle_latency.add(since_exposure_ms(times.published));
         self.vision_time.add(f64::from(cycle.timings.see_ms));
         self.localize.add(f64::from(cycle.timings.localize_ms));
     }
@@ -326,6 +342,7 @@ impl RunStatus {
             global,
             lost,
             latency_ms: self.latency.summary(),
+            cycle_latency_ms: self.cycle_latency.summary(),
             arrival_ms: self.arrival.summary(),
             see_ms: self.vision_time.summary(),
             localize_ms: self.localize.summary(),
@@ -369,6 +386,7 @@ impl RunReport {
             );
         };
         times("exposure to pose", self.latency_ms);
+        times("exposure to ball and robots", self.cycle_latency_ms);
         times("  image arrival", self.arrival_ms);
         times("  vision", self.see_ms);
         times("  localization", self.localize_ms);

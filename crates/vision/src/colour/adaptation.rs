@@ -9,8 +9,8 @@ use localize::math;
 use crate::colour::carpet_model::{CarpetModel, median_colour};
 use crate::config::ColourAdaptationConfig;
 use crate::image::ImageView;
+use crate::lines::detection::LinePointDetection;
 use crate::optics::image_polar::azimuth;
-use crate::process::Detections;
 use crate::scan::pattern::ScanPattern;
 
 /// Tracked colours of carpet and white.
@@ -26,7 +26,10 @@ pub(crate) struct ColourAdaptation {
 pub(crate) struct AdaptationInput<'a> {
     pub(crate) image: &'a ImageView<'a>,
     pub(crate) pattern: &'a ScanPattern,
-    pub(crate) detections: &'a Detections,
+    /// Points of markings.
+    pub(crate) line_points: &'a [LinePointDetection],
+    /// As in the image's detections.
+    pub(crate) carpet_end: &'a [f32],
     /// The colours in use.
     pub(crate) model: &'a CarpetModel,
     /// The mirror's axis in the image, pixels.
@@ -64,11 +67,12 @@ impl ColourAdaptation {
         let &AdaptationInput {
             image,
             pattern,
-            detections,
+            line_points,
+            carpet_end,
             model,
             centre_px,
         } = input;
-        let range_max = confirmed_carpet_range(detections, centre_px);
+        let range_max = confirmed_carpet_range(line_points, carpet_end, centre_px);
         let carpet: Vec<[u8; 3]> = pattern
             .samples
             .iter()
@@ -90,7 +94,7 @@ impl ColourAdaptation {
         );
         self.carpet = clamp_to_prior(self.carpet, self.prior.carpet, &self.prior, config);
         // The half of higher contrast: pixels of far lines are mixed with carpet.
-        let mut points: Vec<_> = detections.line_points.iter().collect();
+        let mut points: Vec<_> = line_points.iter().collect();
         points.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
         points.truncate(points.len() / 2);
         let white: Vec<[u8; 3]> = points
@@ -124,17 +128,21 @@ impl ColourAdaptation {
 const SECTORS: usize = 36;
 
 /// Range of confirmed carpet in each sector: its farthest line point, metres.
-fn confirmed_carpet_range(detections: &Detections, centre_px: [f32; 2]) -> [f32; SECTORS] {
+fn confirmed_carpet_range(
+    line_points: &[LinePointDetection],
+    carpet_end: &[f32],
+    centre_px: [f32; 2],
+) -> [f32; SECTORS] {
     let mut range_max = [0.0f32; SECTORS];
-    let count = detections.carpet_end.len();
-    for point in &detections.line_points {
+    let count = carpet_end.len();
+    for point in line_points {
         let turns = azimuth(centre_px, point.position_px) / std::f32::consts::TAU;
         let sector = (turns.rem_euclid(1.0) * SECTORS as f32) as usize % SECTORS;
         range_max[sector] = range_max[sector].max(point.point.at.distance());
     }
     if count > 0 {
         for (sector, range_max) in range_max.iter_mut().enumerate() {
-            *range_max = range_max.min(detections.carpet_end[sector * count / SECTORS]);
+            *range_max = range_max.min(carpet_end[sector * count / SECTORS]);
         }
     }
     range_max

@@ -84,6 +84,8 @@ pub struct ImageCheck {
     seam: SeamFinder,
     mounting: MountingCheck,
     last_stamp: Option<Stamp>,
+    /// The image that was checked last has no fault of its own.
+    is_usable: bool,
 }
 
 impl ImageCheck {
@@ -95,10 +97,11 @@ impl ImageCheck {
             seam: SeamFinder::default(),
             mounting: MountingCheck::new(map, camera),
             last_stamp: None,
+            is_usable: false,
         }
     }
 
-    /// The image's first fault. Its size must be the map's; other sizes are not judged.
+    /// The image's first fault, or that of the camera's mount in earlier ones. Its size must be the map's; other sizes are not judged.
     pub fn check(&mut self, stamp: Stamp, image: &ImageView<'_>) -> Option<ImageFault> {
         let (width_px, height_px) = self.rows.size_px();
         if !self.config.enabled || image.check(width_px, height_px).is_err() {
@@ -113,11 +116,19 @@ impl ImageCheck {
         }
         self.rows.read(image, follows);
         let fault = self.fault_of_rows(image);
-        if fault.is_some() {
-            return fault;
+        self.is_usable = fault.is_none();
+        fault.or(self
+            .mounting
+            .turn_deg()
+            .map(|turn_deg| ImageFault::Turned { turn_deg }))
+    }
+
+    /// Looks for the robot's own parts in the image that was checked last. It takes several images to tell that they have
+    /// turned, so this need not hold up the pose of each: the next check says what was found.
+    pub fn check_mounting(&mut self, image: &ImageView<'_>) {
+        if std::mem::take(&mut self.is_usable) {
+            self.mounting.update(image);
         }
-        let turn_deg = self.mounting.update(image)?;
-        Some(ImageFault::Turned { turn_deg })
     }
 
     fn fault_of_rows(&mut self, image: &ImageView<'_>) -> Option<ImageFault> {

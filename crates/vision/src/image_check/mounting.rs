@@ -76,8 +76,13 @@ impl MountingCheck {
         self.suspect = (0, 0);
     }
 
-    /// Compares an image with what earlier ones had in common; the turn in degrees, counter-clockwise in the image.
-    pub(super) fn update(&mut self, image: &ImageView<'_>) -> Option<u32> {
+    /// The turn that enough images in a row have shown, degrees counter-clockwise in the image.
+    pub(super) fn turn_deg(&self) -> Option<u32> {
+        (self.suspect.1 >= CONFIRMATIONS).then_some(self.suspect.0)
+    }
+
+    /// Compares an image with what earlier ones had in common.
+    pub(super) fn update(&mut self, image: &ImageView<'_>) {
         for (level, pixel) in self.levels.iter_mut().zip(&self.pixels) {
             if let Some(pixel) = pixel {
                 *level = brightest_channel(image, *pixel);
@@ -92,7 +97,6 @@ impl MountingCheck {
         if turn == 0 {
             self.remember();
         }
-        (self.suspect.1 >= CONFIRMATIONS).then_some(self.suspect.0)
     }
 
     fn remember(&mut self) {
@@ -278,7 +282,8 @@ mod tests {
         };
         let mut check = MountingCheck::new(&map, &camera);
         let view = |pixels: &[u8], check: &mut MountingCheck| {
-            check.update(&ImageView::packed(SIDE, SIDE, PixelFormat::Rgb8, pixels))
+            check.update(&ImageView::packed(SIDE, SIDE, PixelFormat::Rgb8, pixels));
+            check.turn_deg()
         };
         for number in 0..IMAGES_MIN as usize + 20 {
             assert_eq!(view(&picture(number), &mut check), None, "{number}");

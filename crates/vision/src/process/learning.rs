@@ -8,9 +8,9 @@ use crate::image::{ImageView, PixelFormat, rgb_to_yuv, yuv_to_rgb};
 use crate::lines::detection::{LinePointDetection, peak_thresholds};
 use crate::scan::pattern::ScanLines;
 
-use super::Vision;
 use super::colour_model::ColourModel;
 use super::detections::Detections;
+use super::{FoundLines, Vision};
 
 /// Demosaicing and compression correlate the noise of neighbours; samples this far apart are independent.
 const NOISE_LAG: usize = 4;
@@ -117,10 +117,10 @@ impl Vision {
         &mut self,
         image: &ImageView<'_>,
         colour_model: &mut ColourModel,
-        lines: ScanLines,
-        detections: &Detections,
+        found: &FoundLines,
     ) {
         let config = &self.config.colours.adaptation;
+        let detections = &found.detections;
         colour_model.image_count += 1;
         if !config.enabled
             || detections.colours_learned
@@ -138,7 +138,8 @@ impl Vision {
         let input = AdaptationInput {
             image,
             pattern: &self.pattern,
-            detections,
+            line_points: &detections.line_points[..found.marking_points],
+            carpet_end: &detections.carpet_end,
             model: &colour_model.carpet_model,
             centre_px: self.centre_px,
         };
@@ -151,7 +152,7 @@ impl Vision {
             );
             colour_model.channel_weights = quantize_weights(&model);
             colour_model.carpet_model = model;
-            self.measure_noise(image, colour_model, lines);
+            self.measure_noise(image, colour_model, found.lines);
         }
     }
 

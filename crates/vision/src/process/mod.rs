@@ -41,14 +41,16 @@ const CARPET_SAMPLE_STRIDE: usize = 16;
 /// All readers process this many rows before the next band, so that the band stays in the core's cache.
 const BAND_ROWS: usize = 4;
 
-/// An image read along scan lines and rays, before lines and objects are sought.
-struct ScannedImage {
+/// What localization needs of an image, found before its objects are sought.
+#[derive(Debug, Clone)]
+pub struct FoundLines {
+    /// Line points and goals; no objects yet.
+    pub detections: Detections,
     /// The scan lines that were read.
     lines: ScanLines,
-    colour_model: ColourModel,
+    /// Points of markings; base points of walls follow them.
+    marking_points: usize,
     carpet_ends: Vec<CarpetEnd>,
-    /// Carpet ends, carpet share and `colours_learned` are set.
-    detections: Detections,
 }
 
 /// The vision pipeline of one robot: tables of its camera and map, and the colour model of the present light.
@@ -226,37 +228,22 @@ impl Vision {
         image: &ImageView<'_>,
         lines: ScanLines,
     ) -> Result<Detections, VisionError> {
-        let ScannedImage {
-            lines,
-            mut colour_model,
-            carpet_ends,
-            mut detections,
-        } = self.scan_image(image, lines)?;
-        self.detect_lines(image, &colour_model, lines, &mut detections);
-        self.detect_objects(image, &colour_model, &carpet_ends, &mut detections);
-        self.adapt_colours(image, &mut colour_model, lines, &detections);
-        self.detect_wall_bases(image, &colour_model, lines, &mut detections);
-        self.colour_model = Some(colour_model);
-        Ok(detections)
+        let found = self.find_lines(image, lines)?;
+        Ok(self.find_objects(image, found))
     }
 
-    /// As [`Vision::process_with`], but detects line points only, as localization needs.
+    /// As [`Vision::process_with`], but detects line points and goals only, as localization needs.
     pub fn process_lines_with(
         &mut self,
         image: &ImageView<'_>,
         lines: ScanLines,
     ) -> Result<Detections, VisionError> {
-        let ScannedImage {
-            lines,
-            mut colour_model,
-            mut detections,
-            ..
-        } = self.scan_image(image, lines)?;
-        self.detect_lines(image, &colour_model, lines, &mut detections);
-        self.adapt_colours(image, &mut colour_model, lines, &detections);
-        self.detect_wall_bases(image, &colour_model, lines, &mut detections);
-        self.colour_model = Some(colour_model);
-        Ok(detections)
+        let found = self.find_lines(image, lines)?;
+        if let Some(mut colour_model) = self.colour_model.take() {
+            self.adapt_colours(image, &mut colour_model, &found);
+            self.colour_model = Some(colour_model);
+        }
+        Ok(found.detections)
     }
 
     /// Detects line points only, along all scan lines.
@@ -264,12 +251,40 @@ impl Vision {
         self.process_lines_with(image, ScanLines::All)
     }
 
+    /// The first half of [`Vision::process_with`]: what localization needs.
+    pub fn find_lines(
+        &mut self,
+        image: &ImageView<'_>,
+        lines: ScanLines,
+    ) -> Result<FoundLines, VisionError> {
+        let (mut found, colour_model) = self.scan_image(image, lines)?;
+        self.detect_lines(image, &colour_model, found.lines, &mut found.detections);
+        found.marking_points = found.detections.line_points.len();
+        self.detect_wall_bases(image, &colour_model, found.lines, &mut found.detections);
+        found.detections.goals =
+            detect_goals(&self.radial_scan, &found.carpet_ends, &self.config.objects);
+        self.colour_model = Some(colour_model);
+        Ok(found)
+    }
+
+    /// The second half of [`Vision::process_with`], of the same image: its objects. Then the colours adapt to its light.
+    pub fn find_objects(&mut self, image: &ImageView<'_>, mut found: FoundLines) -> Detections {
+        let Some(mut colour_model) = self.colour_model.take() else {
+            return found.detections;
+        };
+        let (ends, detections) = (&found.carpet_ends, &mut found.detections);
+        self.detect_objects(image, &colour_model, ends, detections);
+        self.adapt_colours(image, &mut colour_model, &found);
+        self.colour_model = Some(colour_model);
+        found.detections
+    }
+
     /// Reads brightness and classes with the present colour model, or with one learned from this image.
     fn scan_image(
         &mut self,
         image: &ImageView<'_>,
         lines: ScanLines,
-    ) -> Result<ScannedImage, VisionError> {
+    ) -> Result<(FoundLines, ColourModel), VisionError> {
         image.check(self.map.width_px, self.map.height_px)?;
         let mut detections = Detections::default();
         // Without a line the model is unreliable: it may be of a hand in front of the camera or of a dark corner.
@@ -295,12 +310,13 @@ impl Vision {
         };
         detections.carpet_share = share;
         let carpet_ends = self.find_carpet_ends(&mut detections);
-        Ok(ScannedImage {
-            lines,
-            colour_model,
-            carpet_ends,
+        let found = FoundLines {
             detections,
-        })
+            lines,
+            marking_points: 0,
+            carpet_ends,
+        };
+        Ok((found, colour_model))
     }
 
     /// Reads brightness and rays; returns the fraction of samples that are carpet.
@@ -382,7 +398,6 @@ impl Vision {
         if self.pixel_stage.is_new_view() {
             self.own_body.add_view(&self.radial_scan);
         }
-        detections.goals = detect_goals(&self.radial_scan, carpet_ends, &self.config.objects);
         let ball_detector = BallDetector {
             image,
             map: &self.map,

@@ -13,6 +13,7 @@ use super::simulation_time::DemoScene;
 use pipeline::paths;
 use pipeline::sample::Sample;
 use pipeline::setup::Setup;
+use pipeline::simulation::Simulation;
 use pipeline::{Pipeline, PipelineConfig};
 
 /// Figures of `measure_vision`.
@@ -23,9 +24,16 @@ pub(super) const NAMES: &[&str] = &[
     "see_new_light_480",
     "image_to_pose_480",
     "image_to_pose_480_p99",
+    "image_to_world_480",
+    "image_to_world_480_p99",
+    "image_to_pose_30_hz",
+    "image_to_pose_30_hz_p99",
+    "image_to_world_30_hz",
+    "image_to_world_30_hz_p99",
 ];
 
-/// Times line points (along all scan lines, and along half of them, as while a pose is tracked), all features, colour learning, and image to pose, over the images of a drive.
+/// Times line points (along all scan lines, and along half of them, as while a pose is tracked), all features, and colour
+/// learning over the images of a drive; then image to pose, and image to ball and robots.
 pub(super) fn measure_vision(figures: &mut Figures) -> Result<()> {
     let folder = paths::find_resource("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
@@ -66,33 +74,58 @@ pub(super) fn measure_vision(figures: &mut Figures) -> Result<()> {
         vision.reset_colour_model();
         drop(black_box(vision.process(&next())));
     });
-    if !figures.wants("image_to_pose_480_p99") {
+    if !NAMES[4..].iter().any(|name| figures.wants(name)) {
         return Ok(());
     }
     let recording =
         pipeline::recording::Recording::open(&folder, crate::commands::locate::EXTERNAL_POINT_STD)?;
     let samples: Vec<Sample> = recording.collect();
-    let mut image_to_pose = Vec::new();
-    for _ in 0..10 {
-        let mut pipeline = Pipeline::new(&setup, &config)?;
-        for sample in &samples {
+    let [to_pose, to_world] = time_cycles(&samples, &setup, 50)?;
+    figures.push_times("image_to_pose_480", &to_pose, ["<= 0.45", "<= 0.9"]);
+    figures.push_times("image_to_world_480", &to_world, ["-", "-"]);
+    let (samples, setup) = simulated_drive()?;
+    let [to_pose, to_world] = time_cycles(&samples, &setup, 10)?;
+    figures.push_times("image_to_pose_30_hz", &to_pose, ["<= 0.45", "<= 0.9"]);
+    figures.push_times("image_to_world_30_hz", &to_world, ["-", "-"]);
+    Ok(())
+}
+
+/// Times from an image to its pose and to its ball and robots, over a drive that is repeated.
+fn time_cycles(samples: &[Sample], setup: &Setup, repeats: usize) -> Result<[CallTimes; 2]> {
+    let [mut to_pose, mut to_world] = [Vec::new(), Vec::new()];
+    for _ in 0..repeats {
+        let mut pipeline = Pipeline::new(setup, &PipelineConfig::default())?;
+        // It learns the colours and searches the field.
+        let mut is_first_image = true;
+        for sample in samples.iter().cloned() {
             let started = Instant::now();
-            if let Some(cycle) = pipeline.process_sample(sample.clone()) {
-                // The first image is left out: it learns the colours and searches the field.
-                if cycle
-                    .inputs
-                    .odometry
-                    .first()
-                    .is_some_and(|odometry| odometry.stamp.0 > 0)
-                {
-                    image_to_pose.push(started.elapsed().as_secs_f64() * 1e3);
-                }
+            let elapsed_ms = || started.elapsed().as_secs_f64() * 1e3;
+            let mut pose_ms = 0.0;
+            let cycle = pipeline.process_sample_with(sample, |_| pose_ms = elapsed_ms());
+            let world_ms = elapsed_ms();
+            if cycle.is_some() && !std::mem::take(&mut is_first_image) {
+                to_pose.push(pose_ms);
+                to_world.push(world_ms);
             }
         }
     }
-    let times = CallTimes::of(image_to_pose);
-    figures.push_times("image_to_pose_480", &times, ["<= 0.45", "<= 0.9"]);
-    Ok(())
+    Ok([to_pose, to_world].map(CallTimes::of))
+}
+
+/// Three seconds of the demo: while the pose is tracked, half of the scan lines are read in each image.
+fn simulated_drive() -> Result<(Vec<Sample>, Setup)> {
+    let demo = paths::find_resource("config/scenarios/demo.toml")?;
+    let mut drive = Simulation::load(&demo, None, Some(f64::MAX))?;
+    let mut setup = drive.setup()?;
+    // Nobody passes commands to the camera.
+    setup.robot.exposure = None;
+    let (mut samples, mut images) = (Vec::new(), 0);
+    while images < 90 {
+        let sample = drive.next_sample();
+        images += usize::from(matches!(sample, Sample::Image(_)));
+        samples.push(sample);
+    }
+    Ok((samples, setup))
 }
 
 /// Figures of `measure_vision_large`.
