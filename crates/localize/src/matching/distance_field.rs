@@ -40,6 +40,20 @@ struct Cell {
     normal_y: f32,
 }
 
+impl Cell {
+    /// Of a field without markings.
+    const NONE: Cell = Cell {
+        signed_distance: f32::MAX,
+        normal_x: 1.0,
+        normal_y: 0.0,
+    };
+}
+
+/// Rows and columns of a block, whose cells are compared with the markings near it only.
+const BLOCK_CELLS: usize = 16;
+/// Errors of a distance by rounding, metres.
+const ROUNDING: f32 = 1e-3;
+
 /// Signed distance to the nearest marking's centre line, with its gradient.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NearestMarking {
@@ -63,7 +77,7 @@ pub struct DistanceField {
 }
 
 impl DistanceField {
-    /// Finds the nearest marking of each cell; rows run in parallel on rayon's global pool.
+    /// Finds the nearest marking of each cell; blocks of rows run in parallel on rayon's global pool.
     pub fn new(field: &Field, config: &DistanceFieldConfig) -> Self {
         let (half_x, half_y) = field.carpet_half_extent();
         let cell = config.cell;
@@ -72,15 +86,17 @@ impl DistanceField {
         let columns = 2 * half_columns as usize + 1;
         let rows = 2 * half_rows as usize + 1;
         let (x0, y0) = (-half_columns * cell, -half_rows * cell);
-        let cells = (0..rows)
-            .into_par_iter()
-            .flat_map_iter(|row| {
-                let y = y0 + row as f32 * cell;
-                (0..columns).map(move |column| {
-                    nearest_tangent(&field.markings, x0 + column as f32 * cell, y)
-                })
-            })
-            .collect();
+        let mut cells = vec![Cell::NONE; rows * columns];
+        let blocks = cells.par_chunks_mut(BLOCK_CELLS * columns).enumerate();
+        blocks.for_each(|(number, cells)| {
+            let rows = Rows {
+                columns,
+                first: number * BLOCK_CELLS,
+                origin: [x0, y0],
+                side: cell,
+            };
+            rows.fill(cells, &field.markings);
+        });
         DistanceField {
             cells,
             columns,
@@ -152,13 +168,63 @@ impl DistanceField {
     }
 }
 
+/// A block of rows of a distance field.
+struct Rows {
+    columns: usize,
+    /// Number of the first of them.
+    first: usize,
+    /// Centre of the field's cell (0, 0), metres.
+    origin: [f32; 2],
+    /// Of a cell, metres.
+    side: f32,
+}
+
+impl Rows {
+    fn centre(&self, column: usize, row: usize) -> [f32; 2] {
+        let [x0, y0] = self.origin;
+        [
+            x0 + column as f32 * self.side,
+            y0 + (self.first + row) as f32 * self.side,
+        ]
+    }
+
+    fn fill(&self, cells: &mut [Cell], markings: &[Marking]) {
+        // No cell of a block is farther from the block's middle than `reach`: the nearest marking of each is among those
+        // that are at most twice as much farther from the middle than the nearest one there.
+        let middle = 0.5 * (BLOCK_CELLS - 1) as f32 * self.side;
+        let reach = std::f32::consts::SQRT_2 * middle + ROUNDING;
+        let mut distances = Vec::with_capacity(markings.len());
+        let mut near: Vec<&Marking> = Vec::with_capacity(markings.len());
+        for first in (0..self.columns).step_by(BLOCK_CELLS) {
+            let [x, y] = self.centre(first, 0).map(|corner| corner + middle);
+            distances.clear();
+            distances.extend(
+                markings
+                    .iter()
+                    .map(|marking| tangent_to_marking(marking, x, y).signed_distance.abs()),
+            );
+            let nearest = distances.iter().copied().fold(f32::INFINITY, f32::min);
+            let pairs = markings.iter().zip(&distances);
+            near.clear();
+            near.extend(
+                pairs
+                    .filter(|(_, distance)| **distance <= nearest + 2.0 * reach)
+                    .map(|(marking, _)| marking),
+            );
+            let end = (first + BLOCK_CELLS).min(self.columns);
+            for (row, cells) in cells.chunks_mut(self.columns).enumerate() {
+                for column in first..end {
+                    let [x, y] = self.centre(column, row);
+                    cells[column] = nearest_tangent(near.iter().copied(), x, y);
+                }
+            }
+        }
+    }
+}
+
 /// The tangent of the marking nearest to (x, y).
-fn nearest_tangent(markings: &[Marking], x: f32, y: f32) -> Cell {
-    let mut best = Cell {
-        signed_distance: f32::MAX,
-        normal_x: 1.0,
-        normal_y: 0.0,
-    };
+fn nearest_tangent<'a>(markings: impl Iterator<Item = &'a Marking>, x: f32, y: f32) -> Cell {
+    let mut best = Cell::NONE;
     for marking in markings {
         let candidate = tangent_to_marking(marking, x, y);
         if candidate.signed_distance.abs() < best.signed_distance.abs() {
@@ -275,6 +341,21 @@ mod tests {
                 (distance - truth).abs() < bound,
                 "({x}, {y}): {distance} for {truth}"
             );
+        }
+    }
+
+    #[test]
+    fn every_cell_has_the_nearest_of_all_markings() {
+        let field = league_18x12("centres");
+        for cell in [0.05, 0.13] {
+            let config = DistanceFieldConfig { cell, margin: 2.0 };
+            let distances = DistanceField::new(&field, &config);
+            for (index, stored) in distances.cells.iter().enumerate() {
+                let (row, column) = (index / distances.columns, index % distances.columns);
+                let x = distances.x0 + column as f32 * cell;
+                let y = distances.y0 + row as f32 * cell;
+                assert_eq!(*stored, nearest_tangent(field.markings.iter(), x, y));
+            }
         }
     }
 

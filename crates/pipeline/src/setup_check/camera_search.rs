@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::assess::{Improvement, SCAN_KEYFRAMES, Trial};
 use super::change::Change;
-use super::measurements::thin_out;
+use super::measurements::{MeasuredKeyframe, thin_out};
 use super::variant::SetupVariant;
 
 /// Steps of the mirror's centre, pixels.
@@ -57,21 +57,29 @@ impl Trial<'_> {
         }
         let stride = self.measured.len().div_ceil(CENTRE_KEYFRAMES).max(1);
         let subset = thin_out(self.measured, stride);
+        let field = Field::new(variant.field.clone()).ok()?;
+        let mut tables = FieldTables::new(&field, &self.config);
+        let explain_at = |tables: &mut FieldTables, shift, measured: &[MeasuredKeyframe]| {
+            let after = Change::Centre(shift).apply(variant);
+            explain(tables, &after.apply(self.setup, measured))
+        };
+        // The first search completes the tables, of which each thread gets a copy.
+        explain_at(&mut tables, [0.0; 2], &subset);
         let steps = (CENTRE_REACH / CENTRE_GRID).floor() as i32;
         let shifts = (-steps..=steps)
             .flat_map(|u| (-steps..=steps).map(move |v| [u, v].map(|k| k as f32 * CENTRE_GRID)))
             .filter(|[u, v]| math::hypot(*u, *v) <= CENTRE_REACH);
-        let cost = |shift: [f32; 2]| {
-            let explanation = self.explain(&Change::Centre(shift).apply(variant), &subset)?;
-            Some((explanation.cost(), shift))
-        };
         let shifts: Vec<[f32; 2]> = shifts.collect();
-        let mut costs: Vec<(f32, [f32; 2])> = shifts.into_par_iter().filter_map(cost).collect();
+        let costs = shifts.into_par_iter().map_init(
+            || tables.clone(),
+            |tables, shift| (explain_at(tables, shift, &subset).cost(), shift),
+        );
+        let mut costs: Vec<(f32, [f32; 2])> = costs.collect();
         costs.sort_by(|a, b| a.0.total_cmp(&b.0));
         let descents = costs.into_par_iter().take(CENTRE_STARTS);
         let best = descents
             .filter_map(|(_, shift)| {
-                let start = self.explain(&Change::Centre(shift).apply(variant), self.measured)?;
+                let start = explain_at(&mut tables.clone(), shift, self.measured);
                 self.descend_centre(variant, shift, &start)
             })
             .min_by(|a, b| a.1.cost().total_cmp(&b.1.cost()))?;
