@@ -118,6 +118,42 @@ def test_wheels_that_report_no_motion_are_named(tmp_path: Path) -> None:
     assert any("the wheels report no motion" in warning for warning in found["warnings"]), found["warnings"]
 
 
+def test_compass_that_repeats_one_value_while_the_robot_turns_is_named_and_left_out(tmp_path: Path) -> None:
+    folder = tmp_path / "dead"
+    shutil.copytree(RIGHT, folder)
+    header, *rows = (folder / "compass.csv").read_text().splitlines()
+    dead = [f"{row.split(',')[0]},0.7" for row in rows]
+    (folder / "compass.csv").write_text("\n".join([header, *dead]) + "\n")
+    result, _ = run("locate", folder, "--out", tmp_path / "poses.csv")
+    assert any("every reading is 0.700" in warning for warning in result["warnings"]), result["warnings"]
+    (folder / "compass.csv").unlink()
+    without, _ = run("locate", folder, "--out", tmp_path / "without.csv")
+    assert without["warnings"] == []
+    assert (tmp_path / "poses.csv").read_text() == (tmp_path / "without.csv").read_text()
+
+
+def test_images_that_are_older_than_their_stamps_are_named(tmp_path: Path) -> None:
+    log, folder = tmp_path / "drive.mcap", tmp_path / "drive"
+    scenario = ROOT / "config/scenarios/demo.toml"
+    run("sim", scenario, "--duration", "15", "--record", log)
+    subprocess.run([PROGRAM, "replay", log, "--export", folder], check=True, capture_output=True)
+    right, _ = run("doctor", "--recording", folder)
+    assert right["warnings"] == []
+    header, *rows = (folder / "frames.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    late = header.split(",").index("stamp_s")
+    for row in cells:
+        row[late] = f"{float(row[late]) + 0.08:.9f}"
+    (folder / "frames.csv").write_text("\n".join([header, *map(",".join, cells)]) + "\n")
+    found, _ = run("doctor", "--recording", folder)
+    (named,) = [re.search(r"camera_latency = ([\d.]+)", warning) for warning in found["warnings"]]
+    assert named is not None and abs(float(named[1]) - 0.08) < 0.015, found["warnings"]
+    robot = folder / "robot.toml"
+    robot.write_text(robot.read_text() + "\n[timing]\ncamera_latency = 0.08\n")
+    stated, _ = run("doctor", "--recording", folder)
+    assert stated["warnings"] == []
+
+
 def test_points_that_no_set_up_explains_are_doubted(tmp_path: Path) -> None:
     folder = tmp_path / "random"
     folder.mkdir()

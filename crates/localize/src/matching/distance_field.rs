@@ -213,9 +213,9 @@ impl Rows {
             );
             let end = (first + BLOCK_CELLS).min(self.columns);
             for (row, cells) in cells.chunks_mut(self.columns).enumerate() {
-                for column in first..end {
+                for (column, cell) in (first..end).zip(&mut cells[first..end]) {
                     let [x, y] = self.centre(column, row);
-                    cells[column] = nearest_tangent(near.iter().copied(), x, y);
+                    *cell = nearest_tangent(near.iter().copied(), x, y);
                 }
             }
         }

@@ -1,8 +1,13 @@
 //! Which cycles of a run become keyframes? Evenly spaced ones, few enough to keep for hours.
 
+use localize::sample::Odometry;
+
 use super::measurements::{KEYFRAMES_MAX, METRES_PER_RADIAN, METRES_PER_SECOND, SPACING_MIN};
 use super::{MeasuredKeyframe, measurements};
 use crate::cycle::Cycle;
+
+/// Rows of the odometry that are kept for the velocity: a tenth of a second at 500 Hz.
+const RECENT_ROWS: usize = 50;
 
 /// Collects keyframes from the cycles of a run. When there are too many, every second one is dropped.
 #[derive(Debug, Clone)]
@@ -16,6 +21,8 @@ pub struct KeyframeCollector {
     /// Odometry since the last keyframe; None after a gap.
     odometry: Option<Vec<[f32; 3]>>,
     last_odometry: Option<localize::Stamp>,
+    /// The last rows of the odometry, for the velocity.
+    recent: Vec<Odometry>,
     last_cycle: Option<localize::Stamp>,
 }
 
@@ -28,6 +35,7 @@ impl Default for KeyframeCollector {
             progress: f32::INFINITY,
             odometry: None,
             last_odometry: None,
+            recent: Vec::new(),
             last_cycle: None,
         }
     }
@@ -44,6 +52,10 @@ impl KeyframeCollector {
                 self.odometry = None;
             }
             self.last_odometry = Some(row.stamp);
+            if self.recent.len() == RECENT_ROWS {
+                self.recent.remove(0);
+            }
+            self.recent.push(*row);
             let step = localize::math::hypot(row.dx, row.dy)
                 + METRES_PER_RADIAN * row.dtheta.abs().min(0.5);
             self.progress += step;
@@ -80,6 +92,7 @@ impl KeyframeCollector {
             }),
             odometry: self.odometry.take(),
             compass: cycle.inputs.compass.last().map(|reading| reading.heading),
+            velocity: measurements::velocity_at(&self.recent, cycle.stamp),
         });
         self.odometry = Some(Vec::new());
         self.progress = 0.0;

@@ -1,6 +1,9 @@
-//! Do wheels that report no motion stand still? The poses of the line points tell.
+//! Do sensors that report no motion stand still? The poses of the line points tell.
+
+use std::f32::consts::TAU;
 
 use localize::global_search::branch_and_bound::half_turn;
+use localize::math;
 use localize::setup_check::Explanation;
 
 use super::measurements::{MeasuredKeyframe, WHEEL_PATH_MIN, wheel_path};
@@ -8,6 +11,8 @@ use super::measurements::{MeasuredKeyframe, WHEEL_PATH_MIN, wheel_path};
 /// A median step between the poses of a robot that moves, and the sum of its steps, metres.
 const STEP_MIN: f32 = 0.05;
 const PATH_MIN: f32 = 0.4;
+/// Least deviation of a quarter of the poses from their mean heading, radians, if the robot turns.
+const TURN_MIN: f32 = 0.12;
 
 /// Number of the odometry's rows, if there are any and they report no motion.
 pub(super) fn rows_without_motion(measured: &[MeasuredKeyframe]) -> Option<usize> {
@@ -37,4 +42,30 @@ pub(super) fn path_of_poses(explanation: &Explanation) -> Option<f32> {
     let median = *steps.get(steps.len() / 2)?;
     let path = median * steps.len() as f32;
     (median > STEP_MIN && path > PATH_MIN).then_some(path)
+}
+
+/// The heading that every reading of the compass repeats to the bit, radians, although the robot turns.
+pub(super) fn dead_compass(
+    measured: &[MeasuredKeyframe],
+    explanation: &Explanation,
+) -> Option<f32> {
+    let mut readings = measured.iter().filter_map(|keyframe| keyframe.compass);
+    let first = readings.next()?;
+    let repeats = readings.all(|heading| heading.to_bits() == first.to_bits());
+    (repeats && turn_of_poses(explanation)? > TURN_MIN).then_some(first)
+}
+
+/// Deviation from the mean heading that a quarter of the poses exceed, half turns aside, radians.
+fn turn_of_poses(explanation: &Explanation) -> Option<f32> {
+    // Twice the heading is the same after a half turn.
+    let poses = explanation.keyframes.iter().filter_map(|fit| fit.pose);
+    let doubled: Vec<f32> = poses.map(|pose| 2.0 * pose.theta).collect();
+    let sum = |of: fn(f32) -> f32| doubled.iter().map(|angle| of(*angle)).sum::<f32>();
+    let mean = math::atan2(sum(math::sin), sum(math::cos));
+    let mut deviations: Vec<f32> = doubled
+        .iter()
+        .map(|angle| 0.5 * ((angle - mean) - TAU * ((angle - mean) / TAU).round()).abs())
+        .collect();
+    deviations.sort_by(f32::total_cmp);
+    deviations.get(3 * deviations.len() / 4).copied()
 }

@@ -1,10 +1,12 @@
 //! What is wrong although no edit is known? Points off the markings, sensors that do not agree.
 
 use localize::setup_check::Explanation;
+use nalgebra::Matrix3;
 
 use super::SetupReport;
 use super::assess::Assessment;
 use super::change::Change;
+use super::latency::OtherLatency;
 use super::ranges::RangeFinding;
 use crate::recording::Table;
 
@@ -62,6 +64,24 @@ impl SetupReport {
                 self.doubt_sensor("compass", "compass.csv", agree);
             }
         }
+    }
+
+    /// Adds that images are older than configured, and what that does to the poses.
+    pub(super) fn doubt_latency(&mut self, latency: &OtherLatency) {
+        let OtherLatency {
+            age,
+            configured,
+            pose_error,
+        } = latency;
+        let age = age.max(0.0);
+        self.doubt(format!(
+            "the images seem {:.0} ms older than their stamps, the set-up says {:.0} ms (or the wheels slip): robot.toml: [timing] camera_latency = {age:.3} (`mirrorball calibrate latency` measures it)",
+            1e3 * age,
+            1e3 * configured,
+        ));
+        let covariance = Matrix3::from_diagonal(&pose_error.component_mul(pose_error));
+        let before = self.added_pose_covariance.unwrap_or_default();
+        self.added_pose_covariance = Some(before + covariance);
     }
 
     /// Adds a warning that a sensor agrees with few of the poses, if `agree` is given.

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use localize::Stamp;
-use localize::sample::LinePoint;
+use localize::sample::{LinePoint, Odometry};
 use vision::image::Image;
 use vision::process::Vision;
 
@@ -20,6 +20,8 @@ pub(super) const WHEEL_PATH_MIN: f32 = 0.1;
 pub(super) const METRES_PER_SECOND: f32 = 0.125;
 /// Longest gap in the odometry that connects two keyframes, seconds.
 pub(super) const ODOMETRY_GAP_MAX: f64 = 1.0;
+/// Rows of the odometry this far from an image give the velocity at it, seconds.
+const VELOCITY_REACH: f64 = 0.05;
 /// Largest age of a compass reading at an image, seconds.
 const COMPASS_AGE_MAX: f64 = 0.5;
 
@@ -36,6 +38,8 @@ pub struct MeasuredKeyframe {
     pub odometry: Option<Vec<[f32; 3]>>,
     /// Heading of the compass, radians.
     pub compass: Option<f32>,
+    /// Motion of the wheels per second about the image: metres, metres, radians.
+    pub velocity: Option<[f32; 3]>,
 }
 
 /// Time line of a recording before images are read: one entry per image.
@@ -44,6 +48,7 @@ struct TimelineEntry {
     stamp: Stamp,
     odometry: Option<Vec<[f32; 3]>>,
     compass: Option<f32>,
+    velocity: Option<[f32; 3]>,
     /// Motion since the previous image, metres.
     progress: f32,
 }
@@ -75,6 +80,7 @@ pub(super) fn measure(
             stamp: entry.stamp,
             odometry: entry.odometry,
             compass: entry.compass,
+            velocity: entry.velocity,
             ..MeasuredKeyframe::default()
         };
         match &recording.remaining_samples()[entry.index].data {
@@ -107,9 +113,12 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
     let mut last_odometry: Option<Stamp> = None;
     let mut connected = false;
     let mut compass: Vec<(Stamp, f32)> = Vec::new();
+    let mut motion: Vec<Odometry> = Vec::new();
     for event in recording.remaining_samples() {
-        if let RecordedData::Compass(reading) = &event.data {
-            compass.push((event.stamp, reading.heading));
+        match &event.data {
+            RecordedData::Compass(reading) => compass.push((event.stamp, reading.heading)),
+            RecordedData::Odometry(odometry) => motion.push(*odometry),
+            _ => {}
         }
     }
     for (index, event) in recording.remaining_samples().iter().enumerate() {
@@ -137,6 +146,7 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
                     stamp: event.stamp,
                     odometry: connected.then(|| rows.clone()),
                     compass: nearest_reading(&compass, event.stamp),
+                    velocity: velocity_at(&motion, event.stamp),
                     progress: moved + METRES_PER_SECOND * seconds.clamp(0.0, 4.0),
                 });
                 rows.clear();
@@ -146,6 +156,20 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
         }
     }
     entries
+}
+
+/// Velocity of the wheels about a time, from rows in the order of their stamps, of which later ones may be missing.
+pub(super) fn velocity_at(rows: &[Odometry], stamp: Stamp) -> Option<[f32; 3]> {
+    let first = rows.partition_point(|row| stamp - row.stamp > VELOCITY_REACH);
+    let end = rows.partition_point(|row| row.stamp - stamp <= VELOCITY_REACH);
+    // A row's motion began at the stamp of the one before.
+    let before = rows.get(first.checked_sub(1)?)?;
+    let near = rows.get(first..end).filter(|near| !near.is_empty())?;
+    let seconds = (near[near.len() - 1].stamp - before.stamp) as f32;
+    let sum = near.iter().fold([0.0; 3], |[x, y, turn], row| {
+        [x + row.dx, y + row.dy, turn + row.dtheta]
+    });
+    (seconds > 0.0 && f64::from(seconds) < ODOMETRY_GAP_MAX).then(|| sum.map(|all| all / seconds))
 }
 
 fn nearest_reading(readings: &[(Stamp, f32)], stamp: Stamp) -> Option<f32> {
@@ -169,7 +193,7 @@ fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
     let total: f32 = entries.iter().map(|entry| entry.progress).sum();
     let spacing = (total / KEYFRAMES_MAX as f32).max(SPACING_MIN);
     let stride = entries.len().div_ceil(KEYFRAMES_MAX);
-    // Wheels that report no motion may be wrong: the images decide (`no_motion`).
+    // Wheels that report no motion may be wrong: the images decide (`dead_sensors`).
     let path: f32 = entries
         .iter()
         .map(|entry| wheel_path(entry.odometry.as_deref()))

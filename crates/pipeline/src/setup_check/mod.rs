@@ -8,11 +8,12 @@ mod assess;
 mod camera_search;
 mod change;
 mod collector;
+mod dead_sensors;
 mod doubts;
 mod field_sizes;
+mod latency;
 mod measurements;
 mod motion_search;
-mod no_motion;
 mod ranges;
 #[cfg(test)]
 mod tests;
@@ -37,6 +38,7 @@ use crate::recording::{Recording, Table};
 use crate::setup::Setup;
 use assess::{Assessment, assess, compass_agreement_in_degrees};
 use change::Change;
+use variant::SetupVariant;
 
 /// How well the set-up explains its measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -162,10 +164,18 @@ pub fn check(
     if usable.len() < KEYFRAMES_MIN {
         return SetupReport::default().with_ranges(&ranges);
     }
-    let assessment = assess(setup, &config.localize, measured, effort);
+    let mut assessment = assess(setup, &config.localize, measured, effort);
+    let dead_compass = dead_sensors::dead_compass(measured, &assessment.configured);
+    if dead_compass.is_some() {
+        let mut without = measured.to_vec();
+        without
+            .iter_mut()
+            .for_each(|keyframe| keyframe.compass = None);
+        assessment = assess(setup, &config.localize, &without, effort);
+    }
     let configured = &assessment.configured;
-    let still = match no_motion::rows_without_motion(measured) {
-        Some(rows) => match no_motion::path_of_poses(configured) {
+    let still = match dead_sensors::rows_without_motion(measured) {
+        Some(rows) => match dead_sensors::path_of_poses(configured) {
             Some(path) => Some((rows, path)),
             // The robot stands: images of one place say little about a set-up.
             None => return SetupReport::default().with_ranges(&ranges),
@@ -184,32 +194,7 @@ pub fn check(
         figures: Some(figures(configured)),
         ..SetupReport::default()
     };
-    let mut before = configured;
-    for (step, alternatives) in assessment.improvements.iter().enumerate() {
-        report
-            .suggestions
-            .extend(alternatives.iter().map(|improvement| Suggestion {
-                change: improvement.change.text(setup, &improvement.after),
-                cause: improvement.change.cause().to_owned(),
-                firm: improvement.is_firm(),
-                fit_before: before.fit(),
-                fit_after: improvement.explanation.fit(),
-                gain: Some(improvement.comparison.gain),
-                step: step + 1,
-            }));
-        let Some(best) = alternatives.first() else {
-            continue;
-        };
-        let perhaps = if best.is_firm() { "" } else { "perhaps " };
-        report.warnings.push(format!(
-            "{perhaps}{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
-            best.change.cause(),
-            best.change.text(setup, &best.after),
-            100.0 * best.explanation.fit(),
-            100.0 * before.fit(),
-        ));
-        before = &best.explanation;
-    }
+    report.add_improvements(setup, &assessment);
     if assessment.fits_no_better_than_random {
         report.doubt(format!(
             "the line points fit this field no better than other fields ({:.0} % on markings): check the field file, and the map or mirror profile",
@@ -220,6 +205,20 @@ pub fn check(
     let explained = last.map_or(configured, |best| &best.explanation);
     report.add_doubts(&assessment, explained, still, &ranges);
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
+    // Another mistake contradicts the wheels' steps, too; and a latency that is estimated while driving needs no edit.
+    if assessment.improvements.is_empty() && config.localize.filter.camera_latency_std == 0.0 {
+        let wheels = SetupVariant::configured(setup).wheels(setup);
+        let latency = setup.camera_latency(&config.localize.filter);
+        if let Some(other) = latency::other_latency(measured, configured, &wheels, latency) {
+            report.doubt_latency(&other);
+        }
+    }
+    if let Some(heading) = dead_compass {
+        report.unusable.push(Table::Compass);
+        report.doubt(format!(
+            "compass.csv: every reading is {heading:.3}, but the images show turns of the robot: the compass is dead"
+        ));
+    }
     let named = |change: fn(&Change) -> bool| {
         let all = assessment.improvements.iter().flatten();
         all.clone().any(|improvement| change(&improvement.change))
@@ -324,6 +323,35 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
 }
 
 impl SetupReport {
+    /// Adds the edits with which the measurements fit better, and a warning for the best one of each step.
+    fn add_improvements(&mut self, setup: &Setup, assessment: &Assessment) {
+        let mut before = &assessment.configured;
+        for (step, alternatives) in assessment.improvements.iter().enumerate() {
+            self.suggestions
+                .extend(alternatives.iter().map(|improvement| Suggestion {
+                    change: improvement.change.text(setup, &improvement.after),
+                    cause: improvement.change.cause().to_owned(),
+                    firm: improvement.is_firm(),
+                    fit_before: before.fit(),
+                    fit_after: improvement.explanation.fit(),
+                    gain: Some(improvement.comparison.gain),
+                    step: step + 1,
+                }));
+            let Some(best) = alternatives.first() else {
+                continue;
+            };
+            let perhaps = if best.is_firm() { "" } else { "perhaps " };
+            self.warnings.push(format!(
+                "{perhaps}{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
+                best.change.cause(),
+                best.change.text(setup, &best.after),
+                100.0 * best.explanation.fit(),
+                100.0 * before.fit(),
+            ));
+            before = &best.explanation;
+        }
+    }
+
     /// Adds what the ranges of the tables betray.
     fn with_ranges(mut self, ranges: &[RangeFinding]) -> Self {
         for finding in ranges {

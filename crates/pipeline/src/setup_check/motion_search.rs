@@ -3,11 +3,13 @@
 use std::f32::consts::FRAC_PI_4;
 
 use localize::frames::wrap_angle;
+use localize::math;
 use localize::setup_check::Explanation;
 use nalgebra::Matrix3;
 
 use super::assess::{Improvement, Trial};
 use super::change::Change;
+use super::measurements::MeasuredKeyframe;
 use super::variant::SetupVariant;
 use super::wheel_fit::{angle_between, matrix_between};
 
@@ -22,6 +24,21 @@ const MATRIX_COST: f32 = 9.0 * 2.0;
 /// Corrections of a matrix: steps of wrong wheels join with an error.
 const MATRIX_PASSES: usize = 3;
 
+/// Angle between the direction of a motion at a row's start and that of its chord: half of the row's turn, radians, in the
+/// mean over the path. Tables mean either by a row's motion, and a robot that spins one way shows the difference.
+fn turn_within_rows(measured: &[MeasuredKeyframe]) -> f32 {
+    let rows = measured
+        .iter()
+        .filter_map(|keyframe| keyframe.odometry.as_ref());
+    let (mut sum, mut path) = (0.0_f32, 0.0_f32);
+    for [dx, dy, turn] in rows.flatten() {
+        let length = math::hypot(*dx, *dy);
+        sum += 0.5 * turn * length;
+        path += length;
+    }
+    if path > 0.0 { (sum / path).abs() } else { 0.0 }
+}
+
 impl Trial<'_> {
     /// The camera turned by the angle between wheels and poses. `wide`: starts at odd multiples of 45 degrees, too.
     pub(super) fn search_turn(
@@ -32,7 +49,8 @@ impl Trial<'_> {
     ) -> Vec<(Change, Improvement)> {
         let mut turns = Vec::new();
         let known = angle_between(&now.steps());
-        let is_certain = |(angle, std): &(f32, f32)| angle.abs() > TURN_MIN.max(TURN_SIGMAS * std);
+        let turn_min = TURN_MIN + turn_within_rows(self.measured);
+        let is_certain = |(angle, std): &(f32, f32)| angle.abs() > turn_min.max(TURN_SIGMAS * std);
         turns.extend(known.filter(is_certain).map(|(angle, _)| -angle));
         if wide {
             for start in [1.0, 3.0, 5.0, 7.0].map(|odd| wrap_angle(odd * FRAC_PI_4)) {

@@ -9,7 +9,7 @@ const STEP_MIN: f32 = 0.1;
 /// Fewer steps fit anything.
 const STEPS_MIN: usize = 6;
 /// Expected errors of a step between two poses: metres, radians.
-const STEP_STD: (f32, f32) = (0.03, 0.04);
+pub(super) const STEP_STD: (f32, f32) = (0.03, 0.04);
 /// Standard deviations of what right wheels may have: shares by which they measure one direction longer than another, and
 /// metres by which their centre is off.
 const UNEVEN_STD: f32 = 0.04;
@@ -135,7 +135,7 @@ pub(super) fn matrix_between(steps: &[MeasuredStep]) -> Option<Matrix3<f32>> {
 }
 
 /// Standard deviation of errors by their median, so that outliers do not count.
-fn spread(errors: &[f32]) -> f32 {
+pub(super) fn spread(errors: &[f32]) -> f32 {
     let mut sorted = errors.to_vec();
     sorted.sort_by(f32::total_cmp);
     sorted
@@ -144,7 +144,7 @@ fn spread(errors: &[f32]) -> f32 {
 }
 
 /// Weight of an error in standard deviations: an outlier has next to none.
-fn weight(deviation: f32) -> f32 {
+pub(super) fn weight(deviation: f32) -> f32 {
     (1.0 + (deviation / 2.0).powi(2)).powi(-2)
 }
 

@@ -1,0 +1,214 @@
+//! How old are the images at their stamps? Steps of wheels and poses then differ while the robot's velocity changes.
+
+use localize::frames::{RobotFrame, Tf};
+use localize::math;
+use localize::setup_check::Explanation;
+use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+
+use super::measurements::MeasuredKeyframe;
+use super::wheel_fit::{STEP_STD, spread, weight};
+
+/// Fewer steps tell no latency.
+const STEPS_MIN: usize = 12;
+/// Standard deviation of the age before anything is known, seconds, and of the scales of right wheels.
+const AGE_STD: f32 = 0.3;
+const SCALE_STD: f32 = 0.05;
+/// Passes of the reweighted fit.
+const PASSES: usize = 8;
+/// Steps are not more accurate than this share of their expected errors.
+const STD_MIN: f32 = 0.05;
+
+/// A smaller difference from the configured latency is no mistake, seconds, and a less certain one.
+const AGE_MIN: f32 = 0.03;
+const AGE_SIGMAS: f32 = 5.0;
+
+/// A latency that differs from the configured one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OtherLatency {
+    /// Age of the images at their stamps, seconds.
+    pub(super) age: f32,
+    /// The configured one, seconds.
+    pub(super) configured: f32,
+    /// What the difference does to the poses: metres, metres, radians, root mean square.
+    pub(super) pose_error: Vector3<f32>,
+}
+
+/// One step between keyframes: derivatives of its error (x, y, θ), and the error.
+type StepError = ([Vector4<f32>; 3], Vector3<f32>);
+
+/// The latency that the steps show, if it differs from the configured one. `wheels`: the matrix of their motion.
+///
+/// An image of age τ shows the pose T(t − τ) = T(t) exp(−τ v), so a step of poses is exp(τ v₀) W exp(−τ v₁), where W is that
+/// of the wheels. Wheels that slip when the robot accelerates do the same to its path: the turns must show the age, too.
+pub(super) fn other_latency(
+    measured: &[MeasuredKeyframe],
+    explanation: &Explanation,
+    wheels: &Matrix3<f32>,
+    configured: f32,
+) -> Option<OtherLatency> {
+    let velocity =
+        |keyframe: &MeasuredKeyframe| keyframe.velocity.map(|v| wheels * Vector3::from(v));
+    let pairs = measured.windows(2).zip(explanation.keyframes.windows(2));
+    let steps: Vec<StepError> = pairs
+        .filter_map(|(measured, fits)| {
+            let step = fits[1].wheel_step?;
+            let (before, after) = (velocity(&measured[0])?, velocity(&measured[1])?);
+            let poses = fits[0].pose?.inverse() * fits[1].pose?;
+            let error = step.inverse() * poses;
+            let error = Vector3::new(error.x, error.y, error.theta);
+            Some((derivatives(step, before, after), error))
+        })
+        .collect();
+    if steps.len() < STEPS_MIN {
+        return None;
+    }
+    let (age, std) = fit_age(&steps, &[0, 1, 2])?;
+    let (age_of_turns, std_of_turns) = fit_age(&steps, &[2])?;
+    let excess = age - configured;
+    let differs = |excess: f32, std: f32| excess.abs() > AGE_SIGMAS * std;
+    let turns_agree = differs(age_of_turns - configured, std_of_turns)
+        && (age_of_turns - age).abs() < 0.5 * excess.abs();
+    // Stamps of the wheels that are late are another mistake.
+    if age < -AGE_MIN || excess.abs() < AGE_MIN || !differs(excess, std) || !turns_agree {
+        return None;
+    }
+    let mut squares = Vector3::zeros();
+    let velocities: Vec<Vector3<f32>> = measured.iter().filter_map(velocity).collect();
+    for velocity in &velocities {
+        squares += velocity.component_mul(velocity) / velocities.len() as f32;
+    }
+    let speed = (0.5 * (squares.x + squares.y)).sqrt();
+    Some(OtherLatency {
+        age,
+        configured,
+        pose_error: Vector3::new(speed, speed, squares.z.sqrt()) * excess.abs(),
+    })
+}
+
+/// Age of the images and its standard deviation, seconds, fitted to some components of the steps with scales of the wheels.
+fn fit_age(steps: &[StepError], components: &[usize]) -> Option<(f32, f32)> {
+    let std_of = [STEP_STD.0, STEP_STD.0, STEP_STD.1];
+    let prior = Vector4::new(AGE_STD, SCALE_STD, SCALE_STD, SCALE_STD).map(|std| 1.0 / (std * std));
+    let mut fitted = Vector4::zeros();
+    let mut covariance = Matrix4::zeros();
+    for _ in 0..PASSES {
+        let deviations: Vec<f32> = steps
+            .iter()
+            .map(|(rows, error)| {
+                let left = |&k: &usize| (error[k] - rows[k].dot(&fitted)) / std_of[k];
+                components.iter().map(left).fold(0.0, math::hypot)
+            })
+            .collect();
+        let std = spread(&deviations).max(STD_MIN);
+        let mut information = Matrix4::from_diagonal(&prior);
+        let mut vector = Vector4::zeros();
+        for ((rows, error), deviation) in steps.iter().zip(&deviations) {
+            for &k in components {
+                let weight = weight(deviation / std) / (std_of[k] * std).powi(2);
+                information += rows[k] * rows[k].transpose() * weight;
+                vector += rows[k] * (error[k] * weight);
+            }
+        }
+        covariance = information.try_inverse()?;
+        fitted = covariance * vector;
+    }
+    Some((fitted[0], covariance[(0, 0)].sqrt()))
+}
+
+/// Derivatives of a step's error (x, y, θ at its end) by age and by the scales of the wheels' x, y and θ.
+fn derivatives(
+    step: Tf<RobotFrame, RobotFrame>,
+    before: Vector3<f32>,
+    after: Vector3<f32>,
+) -> [Vector4<f32>; 3] {
+    let (sin, cos) = (math::sin(step.theta), math::cos(step.theta));
+    // Of a vector at the step's start, at its end.
+    let turned = |x: f32, y: f32| (cos * x + sin * y, cos * y - sin * x);
+    let moved = turned(before.x - before.z * step.y, before.y + before.z * step.x);
+    let age = (moved.0 - after.x, moved.1 - after.y, before.z - after.z);
+    let (along, across) = (turned(step.x, 0.0), turned(0.0, step.y));
+    [
+        Vector4::new(age.0, along.0, across.0, 0.0),
+        Vector4::new(age.1, along.1, across.1, 0.0),
+        Vector4::new(age.2, 0.0, 0.0, step.theta),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use localize::Pose;
+    use localize::setup_check::KeyframeFit;
+
+    use super::*;
+
+    /// A drive whose velocity changes all the time; the images are `age` seconds old, the wheels slip by `slip` of each
+    /// change of their speed.
+    fn drive(age: f32, slip: f32, turns: f32) -> (Vec<MeasuredKeyframe>, Explanation) {
+        const STEP: f32 = 0.002;
+        let velocity = |t: f32| {
+            let (x, y) = (1.5 * math::sin(1.7 * t), 1.2 * math::cos(1.1 * t));
+            [x, y, turns * math::sin(2.3 * t)]
+        };
+        let count = (24.0 / STEP) as usize;
+        let mut path = vec![Tf::<RobotFrame, RobotFrame>::new(0.0, 0.0, 0.0)];
+        for k in 0..count {
+            let [x, y, turn] = velocity(k as f32 * STEP).map(|v| v * STEP);
+            path.push(path[k] * Tf::<RobotFrame, RobotFrame>::new(x, y, turn));
+        }
+        let at = |t: f32| path[((t / STEP).round() as usize).min(count)];
+        let (mut measured, mut explanation) = (Vec::new(), Explanation::default());
+        let mut last = 0.5_f32;
+        for k in 0..45 {
+            let t = 0.5 + 0.5 * k as f32;
+            let noise = 0.01 * math::sin(7.7 * k as f32);
+            let shown = at(t - age);
+            let wheels = at(last).inverse() * at(t);
+            let changed = [0, 1].map(|axis| velocity(t)[axis] - velocity(last)[axis]);
+            measured.push(MeasuredKeyframe {
+                velocity: Some(velocity(t)),
+                ..MeasuredKeyframe::default()
+            });
+            explanation.keyframes.push(KeyframeFit {
+                pose: Some(Pose::new(shown.x + noise, shown.y - noise, shown.theta)),
+                cost: 0.0,
+                points: 100,
+                on_markings: 1.0,
+                residual: 0.02,
+                wheel_step: (k > 0).then(|| {
+                    Tf::new(
+                        wheels.x + slip * changed[0],
+                        wheels.y + slip * changed[1],
+                        wheels.theta,
+                    )
+                }),
+                wheels_agree: Some(true),
+                compass_agrees: None,
+            });
+            last = t;
+        }
+        (measured, explanation)
+    }
+
+    fn found(age: f32, slip: f32, turns: f32, configured: f32) -> Option<OtherLatency> {
+        let (measured, explanation) = drive(age, slip, turns);
+        other_latency(&measured, &explanation, &Matrix3::identity(), configured)
+    }
+
+    #[test]
+    fn age_of_images_is_found_and_a_right_one_is_not_doubted() {
+        for age in [0.05_f32, 0.08, 0.15] {
+            let latency = found(age, 0.0, 1.0, 0.0).expect("a latency");
+            assert!((latency.age - age).abs() < 0.01, "{age}: {latency:?}");
+            assert!(found(age, 0.0, 1.0, age).is_none(), "{age} is configured");
+        }
+        assert!(found(0.0, 0.0, 1.0, 0.0).is_none());
+        let wrong = found(0.0, 0.0, 1.0, 0.1).expect("no latency");
+        assert!(wrong.age.abs() < 0.01, "{wrong:?}");
+    }
+
+    #[test]
+    fn slip_and_drives_without_turns_are_not_taken_for_an_age() {
+        assert!(found(0.0, 0.06, 1.0, 0.0).is_none());
+        assert!(found(0.08, 0.0, 0.0, 0.0).is_none());
+    }
+}
