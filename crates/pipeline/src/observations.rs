@@ -1,8 +1,10 @@
-//! How does the world model receive detections? As observations of the types that localize defines.
+//! How do localization and the world model receive detections? As observations of the types that localize defines.
 
+use localize::field::GoalColour;
 use localize::map_correction::MapCorrection;
 use localize::sample::GoalObservation;
 use localize::world::{ObjectObservation, WorldObservation};
+use vision::objects::goals::GoalKind;
 use vision::process::Detections;
 
 /// Converts the detected ball and robots of an image to observations on the corrected ground map.
@@ -41,6 +43,28 @@ pub fn object_observations(
         ball: ball.map(correct),
         robots: robots.map(correct).collect(),
     }
+}
+
+/// The coloured goals, which tell the halves of the field apart, as localization takes them.
+pub(crate) fn goal_observations(detections: &Detections) -> Vec<GoalObservation> {
+    detections
+        .goals
+        .iter()
+        .filter_map(|goal| {
+            let colour = match goal.kind {
+                GoalKind::Blue => GoalColour::Blue,
+                GoalKind::Yellow => GoalColour::Yellow,
+                GoalKind::Post => return None,
+            };
+            let [var_xx, _, var_yy] = goal.covariance;
+            Some(GoalObservation {
+                colour,
+                at: goal.at,
+                std: (var_xx + var_yy).sqrt(),
+                width: goal.width,
+            })
+        })
+        .collect()
 }
 
 /// Moves goals to the corrected ground map.

@@ -5,11 +5,10 @@ use std::time::Instant;
 use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::estimate::Estimate;
-use localize::field::GoalColour;
 use localize::localizer::{CooperativeConfig, Localizer};
 use localize::map_correction::MapCorrection;
 use localize::robot::{ExposureSetting, ImuCalibration, OdometryCalibration};
-use localize::sample::{GoalObservation, LinePoint};
+use localize::sample::LinePoint;
 use localize::team::{TeamModel, TeamView};
 use localize::world::{WorldModel, WorldView};
 use localize::{Pose, Stamp};
@@ -17,12 +16,12 @@ use nalgebra::Matrix3;
 use vision::exposure::AutoExposure;
 use vision::image::ImageView;
 use vision::image_check::ImageCheck;
-use vision::objects::goals::GoalKind;
-use vision::process::{Detections, FoundLines, Vision};
+use vision::process::{FoundLines, Vision};
 use vision::scan::pattern::ScanLines;
 
 use crate::config::PipelineConfig;
 use crate::cycle::{Cycle, Inputs, Timings};
+use crate::features::Features;
 use crate::interlace::Interlace;
 use crate::observations::{correct_goals, object_observations};
 use crate::paths;
@@ -69,16 +68,6 @@ pub struct Pipeline {
     imu_calibration: Option<ImuCalibration>,
     /// Covariance added to each pose, if the set-up is known to be wrong.
     doubt: Option<Matrix3<f32>>,
-}
-
-/// What one image gave: features for localization, or the reason why there are none.
-#[derive(Default)]
-struct Features {
-    /// Those of an earlier run.
-    detections: Option<Detections>,
-    line_points: Vec<LinePoint>,
-    goals: Vec<GoalObservation>,
-    fault: Option<String>,
 }
 
 /// After a longer gap between images the light may have changed, and the colours are learned again, seconds.
@@ -278,11 +267,7 @@ impl Pipeline {
 
     /// As an image sample of line points alone.
     pub fn process_line_points(&mut self, stamp: Stamp, line_points: Vec<LinePoint>) -> Cycle {
-        let features = Features {
-            line_points,
-            ..Features::default()
-        };
-        self.process_features(stamp, features, |_| {})
+        self.process_features(stamp, Features::from_points(line_points), |_| {})
     }
 
     fn process_image(&mut self, image: CameraImage, on_estimate: impl FnOnce(&Estimate)) -> Cycle {
@@ -302,9 +287,8 @@ impl Pipeline {
                 return Cycle { inputs, ..cycle };
             }
             ImageContent::Features { points, goals } => Features {
-                line_points: points,
                 goals,
-                ..Features::default()
+                ..Features::from_points(points)
             },
             ImageContent::Detections(detections) => {
                 let features = Features::from_detections(&detections);
@@ -479,24 +463,6 @@ impl Pipeline {
     }
 }
 
-impl Features {
-    fn from_detections(detections: &Detections) -> Self {
-        let points = detections.line_points.iter();
-        Features {
-            line_points: points.map(|candidate| candidate.point).collect(),
-            goals: goal_observations(detections),
-            ..Features::default()
-        }
-    }
-
-    fn from_fault(reason: String) -> Self {
-        Features {
-            fault: Some(reason),
-            ..Features::default()
-        }
-    }
-}
-
 /// A localizer on the setup's field, and a notice about its scan map, which comes from the cache folder if possible.
 fn build_localizer(setup: &Setup, config: LocalizeConfig) -> (Localizer, Option<String>) {
     let Some(folder) = paths::cache_folder() else {
@@ -518,28 +484,6 @@ fn build_localizer(setup: &Setup, config: LocalizeConfig) -> (Localizer, Option<
         )),
     };
     (localizer, notice)
-}
-
-/// The coloured goals, which tell the halves of the field apart, as localization takes them.
-pub fn goal_observations(detections: &Detections) -> Vec<GoalObservation> {
-    detections
-        .goals
-        .iter()
-        .filter_map(|goal| {
-            let colour = match goal.kind {
-                GoalKind::Blue => GoalColour::Blue,
-                GoalKind::Yellow => GoalColour::Yellow,
-                GoalKind::Post => return None,
-            };
-            let [var_xx, _, var_yy] = goal.covariance;
-            Some(GoalObservation {
-                colour,
-                at: goal.at,
-                std: (var_xx + var_yy).sqrt(),
-                width: goal.width,
-            })
-        })
-        .collect()
 }
 
 fn elapsed_ms(since: Instant) -> f32 {
