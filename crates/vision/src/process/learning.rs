@@ -153,7 +153,17 @@ impl Vision {
             colour_model.channel_weights = quantize_weights(&model);
             colour_model.carpet_model = model;
             self.measure_noise(image, colour_model, found.lines);
+            self.fill_lookup_table(image, &colour_model.lookup_table);
         }
+    }
+
+    /// Fills the cells of a new table that the next image will need before its pose is known: mostly those of this image.
+    fn fill_lookup_table(&mut self, image: &ImageView<'_>, table: &ColourLookupTable) {
+        let all = 0..image.height_px;
+        let classes = &mut self.subsample_classes;
+        self.subsample_classifier
+            .classify_rows(image, table, &all, classes);
+        self.radial_scan.read(image, table, &all);
     }
 
     /// `lines`: those whose brightness was read from the image.
