@@ -1,6 +1,6 @@
 //! How old are the images at their stamps? Steps of wheels and poses then differ while the robot's velocity changes.
 
-use localize::frames::{RobotFrame, Tf};
+use localize::frames::{RobotFrame, Tf, wrap_angle};
 use localize::math;
 use localize::setup_check::Explanation;
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
@@ -55,7 +55,7 @@ pub(super) fn other_latency(
             let (before, after) = (velocity(&measured[0])?, velocity(&measured[1])?);
             let poses = fits[0].pose?.inverse() * fits[1].pose?;
             let error = step.inverse() * poses;
-            let error = Vector3::new(error.x, error.y, error.theta);
+            let error = Vector3::new(error.x, error.y, wrap_angle(error.theta));
             Some((derivatives(step, before, after), error))
         })
         .collect();
