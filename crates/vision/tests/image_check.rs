@@ -110,6 +110,9 @@ fn changed_share(map: &GroundMap, rgb: &[u8], row: usize) -> f32 {
     changed as f32 / count as f32
 }
 
+/// Joined pictures of the repository's own images.
+const TRACED_PAIRS: usize = 16;
+
 #[test]
 fn lower_part_of_another_picture_is_named() {
     let (mut joined_count, mut named) = (0, 0);
@@ -140,6 +143,13 @@ fn lower_part_of_another_picture_is_named() {
     }
     println!("{named} of {joined_count} joined images");
     assert!(joined_count >= 10, "{joined_count} joined images");
-    // With the photographs, which are not in the repository, 17 of 20; without them 13 of 16 traced pairs.
-    assert!(4 * named >= 3 * joined_count, "{named} of {joined_count}");
+    // The traced images of the repository are fewer and smoother than the photographs, which are not everywhere.
+    let (least, of) = match joined_count > TRACED_PAIRS {
+        true => (17, 20),
+        false => (13, TRACED_PAIRS),
+    };
+    assert!(
+        of * named >= least * joined_count,
+        "{named} of {joined_count}"
+    );
 }
