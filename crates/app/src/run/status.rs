@@ -386,10 +386,10 @@ impl RunReport {
             );
         };
         times("exposure to pose", self.latency_ms);
-        times("exposure to ball and robots", self.cycle_latency_ms);
         times("  image arrival", self.arrival_ms);
         times("  vision", self.see_ms);
         times("  localization", self.localize_ms);
+        times("exposure to ball and robots", self.cycle_latency_ms);
         println!("{:.1} MB of memory", self.memory_mb);
         for warning in &self.warnings {
             eprintln!("warning: {warning}");

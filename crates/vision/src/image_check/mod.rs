@@ -101,7 +101,8 @@ impl ImageCheck {
         }
     }
 
-    /// The image's first fault, or that of the camera's mount in earlier ones. Its size must be the map's; other sizes are not judged.
+    /// The image's first fault, or that of the camera's mount in earlier ones. Images of another size than the map's are not
+    /// judged.
     pub fn check(&mut self, stamp: Stamp, image: &ImageView<'_>) -> Option<ImageFault> {
         let (width_px, height_px) = self.rows.size_px();
         if !self.config.enabled || image.check(width_px, height_px).is_err() {
