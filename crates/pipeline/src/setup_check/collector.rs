@@ -6,9 +6,6 @@ use super::measurements::{KEYFRAMES_MAX, METRES_PER_RADIAN, METRES_PER_SECOND, S
 use super::{MeasuredKeyframe, measurements};
 use crate::cycle::Cycle;
 
-/// Rows of the odometry that are kept for the velocity: a tenth of a second at 500 Hz.
-const RECENT_ROWS: usize = 50;
-
 /// Collects keyframes from the cycles of a run. When there are too many, every second one is dropped.
 #[derive(Debug, Clone)]
 pub struct KeyframeCollector {
@@ -21,7 +18,7 @@ pub struct KeyframeCollector {
     /// Odometry since the last keyframe; None after a gap.
     odometry: Option<Vec<[f32; 3]>>,
     last_odometry: Option<localize::Stamp>,
-    /// The last rows of the odometry, for the velocity.
+    /// Rows of the odometry from which the velocity at an image follows.
     recent: Vec<Odometry>,
     last_cycle: Option<localize::Stamp>,
 }
@@ -52,9 +49,6 @@ impl KeyframeCollector {
                 self.odometry = None;
             }
             self.last_odometry = Some(row.stamp);
-            if self.recent.len() == RECENT_ROWS {
-                self.recent.remove(0);
-            }
             self.recent.push(*row);
             let step = localize::math::hypot(row.dx, row.dy)
                 + METRES_PER_RADIAN * row.dtheta.abs().min(0.5);
@@ -64,6 +58,8 @@ impl KeyframeCollector {
                 rows.push([row.dx, row.dy, row.dtheta]);
             }
         }
+        let unused = measurements::rows_before_velocity(&self.recent, cycle.stamp);
+        self.recent.drain(..unused);
         let seconds = self
             .last_cycle
             .map_or(0.0, |last| (cycle.stamp - last) as f32);

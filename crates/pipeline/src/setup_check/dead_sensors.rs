@@ -1,7 +1,6 @@
 //! Do sensors that report no motion stand still? The poses of the line points tell.
 
-use std::f32::consts::TAU;
-
+use localize::frames::wrap_angle;
 use localize::global_search::branch_and_bound::half_turn;
 use localize::math;
 use localize::setup_check::Explanation;
@@ -64,7 +63,7 @@ fn turn_of_poses(explanation: &Explanation) -> Option<f32> {
     let mean = math::atan2(sum(math::sin), sum(math::cos));
     let mut deviations: Vec<f32> = doubled
         .iter()
-        .map(|angle| 0.5 * ((angle - mean) - TAU * ((angle - mean) / TAU).round()).abs())
+        .map(|angle| 0.5 * wrap_angle(angle - mean).abs())
         .collect();
     deviations.sort_by(f32::total_cmp);
     deviations.get(3 * deviations.len() / 4).copied()

@@ -160,16 +160,21 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
 
 /// Velocity of the wheels about a time, from rows in the order of their stamps, of which later ones may be missing.
 pub(super) fn velocity_at(rows: &[Odometry], stamp: Stamp) -> Option<[f32; 3]> {
-    let first = rows.partition_point(|row| stamp - row.stamp > VELOCITY_REACH);
+    let first = rows_before_velocity(rows, stamp);
     let end = rows.partition_point(|row| row.stamp - stamp <= VELOCITY_REACH);
     // A row's motion began at the stamp of the one before.
-    let before = rows.get(first.checked_sub(1)?)?;
-    let near = rows.get(first..end).filter(|near| !near.is_empty())?;
-    let seconds = (near[near.len() - 1].stamp - before.stamp) as f32;
+    let (before, near) = rows.get(first..end)?.split_first()?;
+    let seconds = (near.last()?.stamp - before.stamp) as f32;
     let sum = near.iter().fold([0.0; 3], |[x, y, turn], row| {
         [x + row.dx, y + row.dy, turn + row.dtheta]
     });
     (seconds > 0.0 && f64::from(seconds) < ODOMETRY_GAP_MAX).then(|| sum.map(|all| all / seconds))
+}
+
+/// Number of rows that the velocity at this time does not need.
+pub(super) fn rows_before_velocity(rows: &[Odometry], stamp: Stamp) -> usize {
+    let near = rows.partition_point(|row| stamp - row.stamp > VELOCITY_REACH);
+    near.saturating_sub(1)
 }
 
 fn nearest_reading(readings: &[(Stamp, f32)], stamp: Stamp) -> Option<f32> {
