@@ -5,10 +5,12 @@
 
 use crate::colour::carpet_model::CarpetModel;
 use crate::config::LineConfig;
-use crate::lines::validator::{LineCandidate, LineValidator, ScanLineSlice, white_contrast};
+use crate::lines::validator::{
+    LineCandidate, LineValidator, PeakGround, ScanLineSlice, white_contrast,
+};
 use crate::scan::brightness::BrightnessReader;
 use crate::scan::limits::ScanLimits;
-use crate::scan::pattern::{ScanLines, ScanPattern, ScanSample};
+use crate::scan::pattern::{ScanLines, ScanPattern};
 use crate::scan::peaks::{Peak, find_peaks};
 
 pub use crate::lines::result::{LinePointDetection, RejectedCandidate, RejectionReason};
@@ -21,6 +23,8 @@ pub(crate) struct ScanReadout<'a> {
     pub(crate) limits: &'a ScanLimits,
     /// Column and row of each sample, contiguous in memory.
     pub(crate) pixels: &'a [[u16; 2]],
+    /// Ground point of each sample, robot frame, metres, contiguous in memory.
+    pub(crate) ground: &'a [[f32; 2]],
     /// Brightness by the weights that separate white from carpet.
     pub(crate) brightness: &'a BrightnessReader,
     /// Least height of a peak, one entry per sample; see [`peak_thresholds`].
@@ -33,7 +37,7 @@ pub(crate) struct LineScratch {
     /// Brightness of the samples within the scan limits.
     values: Vec<u8>,
     peaks: Vec<ScanPeak>,
-    centre_samples: Vec<ScanSample>,
+    peak_ground: Vec<PeakGround>,
     candidates: Vec<(ScanPeak, LineCandidate)>,
 }
 
@@ -59,7 +63,7 @@ pub(crate) fn detect_line_points(
     let LineScratch {
         values,
         peaks: found,
-        centre_samples,
+        peak_ground,
         candidates,
     } = scratch;
     values.resize(readout.pattern.samples.len(), 0);
@@ -83,23 +87,24 @@ pub(crate) fn detect_line_points(
     let line = |found: &ScanPeak| {
         let range = found.start as usize..found.end as usize;
         ScanLineSlice {
-            samples: &readout.pattern.samples[range.clone()],
+            ground: &readout.ground[range.clone()],
             pixels: &readout.pixels[range.clone()],
             values: &values[range],
         }
     };
-    centre_samples.clear();
-    centre_samples.extend(
-        found.iter().map(|found| {
-            readout.pattern.samples[found.start as usize + found.peak.middle() as usize]
-        }),
-    );
+    peak_ground.clear();
+    peak_ground.extend(found.iter().map(|found| {
+        let (line, peak) = (line(found), &found.peak);
+        PeakGround {
+            middle: readout.pattern.samples[found.start as usize + peak.middle() as usize],
+            edges: [peak.left_edge, peak.right_edge].map(|edge| line.interpolate_ground(edge)),
+        }
+    }));
     candidates.clear();
-    for (found, centre_sample) in found.iter().zip(&*centre_samples) {
-        let line = line(found);
-        match validator.project_candidate(&line, &found.peak, centre_sample) {
+    for (found, ground) in found.iter().zip(&*peak_ground) {
+        match validator.project_candidate(&found.peak, ground) {
             Ok(candidate) => candidates.push((*found, candidate)),
-            Err(reason) => rejected.push(line.reject(&found.peak, reason)),
+            Err(reason) => rejected.push(line(found).reject(&found.peak, reason)),
         }
     }
     for (found, candidate) in &*candidates {

@@ -26,31 +26,22 @@ pub(crate) struct LineValidator<'a> {
 
 /// A segment of a scan line as read.
 pub(crate) struct ScanLineSlice<'a> {
-    pub(crate) samples: &'a [ScanSample],
+    /// Column and row of each sample.
     pub(crate) pixels: &'a [[u16; 2]],
+    /// Ground point of each sample, robot frame, metres.
+    pub(crate) ground: &'a [[f32; 2]],
     pub(crate) values: &'a [u8],
 }
 
 impl ScanLineSlice<'_> {
-    fn bracket(&self, index: f32) -> (&ScanSample, &ScanSample, f32) {
-        let last = self.samples.len() - 1;
-        let lower = (index.max(0.0) as usize).min(last);
-        let upper = (lower + 1).min(last);
-        (
-            &self.samples[lower],
-            &self.samples[upper],
-            (index - lower as f32).clamp(0.0, 1.0),
-        )
-    }
-
     fn sample_px(&self, index: usize) -> [f32; 2] {
         self.pixels[index].map(f32::from)
     }
 
     fn interpolate_px(&self, index: f32) -> [f32; 2] {
-        let (a, b, part) = self.bracket(index);
+        let (a, b, part) = bracket(self.pixels, index);
         let mix = |a: u16, b: u16| f32::from(a) + part * (f32::from(b) - f32::from(a));
-        [mix(a.u, b.u), mix(a.v, b.v)]
+        [mix(a[0], b[0]), mix(a[1], b[1])]
     }
 
     pub(crate) fn reject(&self, peak: &Peak, reason: RejectionReason) -> RejectedCandidate {
@@ -65,10 +56,28 @@ impl ScanLineSlice<'_> {
         self.pixels[index].map(usize::from)
     }
 
-    fn interpolate_ground(&self, index: f32) -> [f32; 2] {
-        let (a, b, part) = self.bracket(index);
-        std::array::from_fn(|i| a.ground[i] + part * (b.ground[i] - a.ground[i]))
+    pub(crate) fn interpolate_ground(&self, index: f32) -> [f32; 2] {
+        let (a, b, part) = bracket(self.ground, index);
+        std::array::from_fn(|i| a[i] + part * (b[i] - a[i]))
     }
+}
+
+/// The entries before and after an index between samples, and the part of the way to the second.
+fn bracket<T: Copy>(entries: &[T], index: f32) -> (T, T, f32) {
+    let last = entries.len() - 1;
+    let lower = (index.max(0.0) as usize).min(last);
+    let upper = (lower + 1).min(last);
+    let part = (index - lower as f32).clamp(0.0, 1.0);
+    (entries[lower], entries[upper], part)
+}
+
+/// What the tables of the scan pattern hold for a peak.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PeakGround {
+    /// The sample at its middle.
+    pub(crate) middle: ScanSample,
+    /// Ground points of its edges, robot frame, metres.
+    pub(crate) edges: [[f32; 2]; 2],
 }
 
 /// A peak projected to the ground.
@@ -82,20 +91,19 @@ pub(crate) struct LineCandidate {
 }
 
 impl LineValidator<'_> {
-    /// Projects a peak to the ground; rejects it beyond the carpet or with a wrong width. `sample`: its middle.
+    /// Projects a peak to the ground; rejects it beyond the carpet or with a wrong width.
     pub(crate) fn project_candidate(
         &self,
-        line: &ScanLineSlice<'_>,
         peak: &Peak,
-        sample: &ScanSample,
+        ground: &PeakGround,
     ) -> Result<LineCandidate, RejectionReason> {
+        let PeakGround {
+            middle: sample,
+            edges: [left, right],
+        } = ground;
         if is_beyond_carpet(self.carpet_end, sample) {
             return Err(RejectionReason::BeyondCarpet);
         }
-        let (left, right) = (
-            line.interpolate_ground(peak.left_edge),
-            line.interpolate_ground(peak.right_edge),
-        );
         let (dx, dy) = (right[0] - left[0], right[1] - left[1]);
         let width = (dx * dx + dy * dy).sqrt();
         let width_px = (peak.right_edge - peak.left_edge).max(1e-3);
@@ -250,7 +258,7 @@ impl PeakColours {
             image.rgb(u, v).map(f32::from)
         };
         let (left, right) = (colour(peak.left_base), colour(peak.right_base));
-        let end = line.samples.len() - 1;
+        let end = line.pixels.len() - 1;
         let first = (peak.left_edge.ceil() as usize).min(peak.index);
         let last = (peak.right_edge.floor() as usize).clamp(peak.index, end);
         let count = (last - first + 1) as f32;

@@ -58,7 +58,7 @@ pub(crate) fn detect_goals(
         (GoalKind::Post, ColourClass::WHITE),
     ] {
         let share: Vec<f32> = (0..scan.count())
-            .map(|ray| goal_colour_share(scan, &carpet_ends[ray], scan.starts[ray + 1], class))
+            .map(|ray| goal_colour_share(scan, ray, &carpet_ends[ray], class))
             .collect();
         let joined = |a: usize, b: usize| {
             let (a_end, b_end) = (carpet_ends[a].range, carpet_ends[b].range);
@@ -92,19 +92,17 @@ pub(crate) fn detect_goals(
 /// to the horizon, unlike stickers on robots, glare or lines.
 fn goal_colour_share(
     scan: &RadialScan,
+    ray: usize,
     carpet_end: &CarpetEnd,
-    end: usize,
     class: ColourClass,
 ) -> f32 {
     if !(carpet_end.carpet_seen && carpet_end.range.is_finite()) {
         return 0.0;
     }
     let far = if class == ColourClass::WHITE {
-        let above =
-            (carpet_end.first_beyond..end).find(|&sample| scan.samples[sample].range.is_infinite());
-        above.unwrap_or(end)
+        scan.first_above_horizon(ray, carpet_end.first_beyond)
     } else {
-        end.min(carpet_end.first_beyond + 16)
+        scan.starts[ray + 1].min(carpet_end.first_beyond + 16)
     };
     let beyond = &scan.classes[carpet_end.first_beyond..far];
     let share =

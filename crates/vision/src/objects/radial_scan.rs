@@ -29,6 +29,10 @@ pub(crate) struct RadialScan {
     pub(crate) samples: Vec<RaySample>,
     /// Index of each ray's first sample, and one past the last.
     pub(crate) starts: Vec<usize>,
+    /// Index of each ray's first sample above the horizon, or one past its last.
+    horizon: Vec<usize>,
+    /// Range of each sample, contiguous in memory.
+    ranges: Vec<f32>,
     /// Class of each sample in the last image read.
     pub(crate) classes: Vec<ColourClass>,
     reader: PixelClassifier,
@@ -96,7 +100,17 @@ impl RadialScan {
             starts.push(samples.len());
         }
         let pixels: Vec<[u16; 2]> = samples.iter().map(|s| [s.u, s.v]).collect();
+        let ranges: Vec<f32> = samples.iter().map(|s| s.range).collect();
+        let first_above = |ray: &[usize; 2]| {
+            let [start, end] = *ray;
+            let above = ranges[start..end]
+                .iter()
+                .position(|range| range.is_infinite());
+            above.map_or(end, |index| start + index)
+        };
         RadialScan {
+            horizon: starts.array_windows().map(first_above).collect(),
+            ranges,
             reader: PixelClassifier::new(&pixels, map.height_px),
             classes: vec![ColourClass::OTHER; samples.len()],
             samples,
@@ -117,6 +131,18 @@ impl RadialScan {
     ) {
         self.reader
             .classify_rows(image, table, rows, &mut self.classes);
+    }
+
+    /// First sample of a ray from `from` on that is above the horizon, or one past its last.
+    pub(crate) fn first_above_horizon(&self, ray: usize, from: usize) -> usize {
+        let end = self.starts[ray + 1];
+        if from <= self.horizon[ray] {
+            return self.horizon[ray];
+        }
+        let above = self.ranges[from..end]
+            .iter()
+            .position(|range| range.is_infinite());
+        above.map_or(end, |index| from + index)
     }
 
     /// One past the last sample of a ray that is hidden from sample `from` on: where two samples in a row are carpet.
@@ -238,7 +264,7 @@ impl RadialScan {
             let more = count_leading_carpet(&classes[last + 1..]);
             recent = ((recent + 1) << more.min(5)) - 1;
             last += more;
-            let range = self.samples[last].range;
+            let range = self.ranges[last];
             let gap_max = config.carpet_gap_max + config.carpet_gap_per_range * range;
             let (mut gap, mut before) = (0.0, range);
             let mut resumed = None;
@@ -249,7 +275,7 @@ impl RadialScan {
                     resumed = Some(index);
                     break;
                 }
-                let here = self.samples[index].range;
+                let here = self.ranges[index];
                 let step = here - before;
                 before = here;
                 gap += if class == ColourClass::WHITE {

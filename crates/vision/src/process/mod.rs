@@ -61,6 +61,8 @@ pub struct Vision {
     pattern: ScanPattern,
     /// Column and row of each of the pattern's samples, contiguous in memory.
     sample_pixels: Vec<[u16; 2]>,
+    /// Their ground points, robot frame, metres, contiguous in memory.
+    sample_ground: Vec<[f32; 2]>,
     brightness: BrightnessReader,
     scan_limits: ScanLimits,
     /// Classifies all of the pattern's samples.
@@ -152,6 +154,7 @@ impl Vision {
             subsample_classes: vec![ColourClass::OTHER; subsample.len()],
             subsample_classifier: PixelClassifier::new(&subsample, map.height_px),
             sample_pixels: pixels,
+            sample_ground: pattern.samples.iter().map(|s| s.ground).collect(),
             own_body: OwnBody::new(&radial_scan),
             radial_scan,
             pixel_stage: PixelStage::new(map, camera, mask, &config.objects),

@@ -130,6 +130,7 @@ impl Vision {
             pattern: &self.pattern,
             limits: &self.scan_limits,
             pixels: &self.sample_pixels,
+            ground: &self.sample_ground,
             brightness: &self.brightness,
             peak_thresholds: &self.peak_thresholds,
         }
