@@ -16,6 +16,9 @@ const PART_SAMPLES: usize = 4;
 /// Quantiles of the brightness and the noise are of every n-th row: 5,000 samples suffice.
 const STATISTICS_ROWS: usize = 4;
 
+/// The channels of a pixel and a zero: one word to load, store and compare.
+type ChannelSample = [u8; 4];
+
 /// A row that shows ground.
 #[derive(Debug, Clone)]
 pub(super) struct SampledRow {
@@ -33,8 +36,8 @@ pub(super) struct SampledRow {
 pub(super) struct SampledRows {
     size_px: (usize, usize),
     rows: Vec<SampledRow>,
-    samples: Vec<[u8; 3]>,
-    last: Vec<[u8; 3]>,
+    samples: Vec<ChannelSample>,
+    last: Vec<ChannelSample>,
     /// Brightness of each sample.
     brightness: Vec<u8>,
     /// True if `last` is of the image before.
@@ -91,8 +94,8 @@ impl SampledRows {
         SampledRows {
             size_px: (map.width_px, map.height_px),
             rows,
-            samples: vec![[0; 3]; start],
-            last: vec![[0; 3]; start],
+            samples: vec![[0; 4]; start],
+            last: vec![[0; 4]; start],
             brightness: vec![0; start],
             has_last: false,
             yuv: false,
@@ -115,7 +118,7 @@ impl SampledRows {
 
     /// Brightness of any pixel.
     pub(super) fn level_at(&self, image: &ImageView<'_>, column: usize, row: usize) -> u8 {
-        brightness(self.yuv, image.native_channels(column, row))
+        brightness(self.yuv, sample_at(image, column, row))
     }
 
     /// Number of rows that are read.
@@ -155,7 +158,7 @@ impl SampledRows {
         self.rows.iter().step_by(self.row_step)
     }
 
-    fn of<'a>(row: &SampledRow, samples: &'a [[u8; 3]]) -> &'a [[u8; 3]] {
+    fn of<'a>(row: &SampledRow, samples: &'a [ChannelSample]) -> &'a [ChannelSample] {
         &samples[row.start..][..row.ground.len()]
     }
 
@@ -305,53 +308,64 @@ fn runs_of(values: &[bool]) -> Vec<Range<usize>> {
 }
 
 /// Luminance, or the brightest channel: green in most pictures, red or blue where one has no green.
-fn brightness(yuv: bool, sample: [u8; 3]) -> u8 {
-    if yuv {
-        sample[0]
-    } else {
-        sample[0].max(sample[1]).max(sample[2])
-    }
+fn brightness(yuv: bool, [a, b, c, _]: ChannelSample) -> u8 {
+    if yuv { a } else { a.max(b).max(c) }
+}
+
+fn sample_at(image: &ImageView<'_>, column: usize, row: usize) -> ChannelSample {
+    let [a, b, c] = image.native_channels(column, row);
+    [a, b, c, 0]
 }
 
 /// Reads the samples of a row.
-fn read_samples(image: &ImageView<'_>, row: usize, samples: &mut [[u8; 3]]) {
+fn read_samples(image: &ImageView<'_>, row: usize, samples: &mut [ChannelSample]) {
     match image.format {
-        PixelFormat::Rgb8 => read_packed::<{ 3 * COLUMN_STEP }>(image, row, [0, 1, 2], samples),
-        PixelFormat::Bgr8 => read_packed::<{ 3 * COLUMN_STEP }>(image, row, [2, 1, 0], samples),
-        PixelFormat::Yuyv => read_packed::<{ 2 * COLUMN_STEP }>(image, row, [0, 1, 3], samples),
-        PixelFormat::Uyvy => read_packed::<{ 2 * COLUMN_STEP }>(image, row, [1, 0, 2], samples),
+        PixelFormat::Rgb8 => {
+            read_packed::<{ 3 * COLUMN_STEP }>(image, row, samples, |word| word & 0xff_ffff);
+        }
+        PixelFormat::Bgr8 => {
+            read_packed::<{ 3 * COLUMN_STEP }>(image, row, samples, |word| word.swap_bytes() >> 8);
+        }
+        PixelFormat::Yuyv => read_packed::<{ 2 * COLUMN_STEP }>(image, row, samples, |word| {
+            word & 0xffff | word >> 8 & 0xff_0000
+        }),
+        PixelFormat::Uyvy => read_packed::<{ 2 * COLUMN_STEP }>(image, row, samples, |word| {
+            word >> 8 & 0xff | (word & 0xff) << 8 | word & 0xff_0000
+        }),
         _ => {
             for (number, sample) in samples.iter_mut().enumerate() {
-                *sample = image.native_channels(number * COLUMN_STEP, row);
+                *sample = sample_at(image, number * COLUMN_STEP, row);
             }
         }
     }
 }
 
-/// Reads the samples of a row whose pixels follow each other; `BYTES` from sample to sample, channels at these `places`.
+/// Reads the samples of a row whose pixels follow each other; `BYTES` from sample to sample. `channels` puts the channels
+/// of the first pixel among four bytes into the lowest three.
 fn read_packed<const BYTES: usize>(
     image: &ImageView<'_>,
     row: usize,
-    places: [usize; 3],
-    samples: &mut [[u8; 3]],
+    samples: &mut [ChannelSample],
+    channels: impl Fn(u32) -> u32,
 ) {
     let (pixels, _) = image.data[row * image.stride..].as_chunks::<BYTES>();
     for (sample, bytes) in samples.iter_mut().zip(pixels) {
-        *sample = places.map(|place| bytes[place]);
+        let word = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+        *sample = channels(word).to_le_bytes();
     }
     // The last row may end before its last sample's neighbours do.
     for (number, sample) in samples.iter_mut().enumerate().skip(pixels.len()) {
-        *sample = image.native_channels(number * COLUMN_STEP, row);
+        *sample = sample_at(image, number * COLUMN_STEP, row);
     }
 }
 
 /// True if all samples are the same, but for a level.
-fn is_even(samples: &[[u8; 3]]) -> bool {
+fn is_even(samples: &[ChannelSample]) -> bool {
     let Some(first) = samples.first() else {
         return true;
     };
     // Most rows show within a few samples that they are not.
-    let near = |sample: &[u8; 3]| (0..3).all(|k| sample[k].abs_diff(first[k]) <= 1);
+    let near = |sample: &ChannelSample| (0..3).all(|k| sample[k].abs_diff(first[k]) <= 1);
     if !samples.iter().all(near) {
         return false;
     }
