@@ -6,6 +6,7 @@
 
 mod mounting;
 mod rows;
+mod samples;
 mod seam;
 
 use localize::Stamp;

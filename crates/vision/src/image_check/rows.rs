@@ -3,11 +3,10 @@
 
 use std::ops::Range;
 
+use super::samples::{COLUMN_STEP, ChannelSample, brightness, read_samples, sample_at};
 use crate::image::{ImageView, PixelFormat};
 use crate::optics::ground_map::GroundMap;
 
-/// Columns between two samples of a row: 480 rows then have about 20,000 samples.
-pub(super) const COLUMN_STEP: usize = 8;
 /// Fewest samples of a row; a shorter one at the edge of the ground says little.
 const ROW_SAMPLES_MIN: usize = 12;
 /// Rows and samples of a part of the floor, whose mean brightness is compared with others.
@@ -15,9 +14,6 @@ const PART_ROWS: usize = 12;
 const PART_SAMPLES: usize = 4;
 /// Quantiles of the brightness and the noise are of every n-th row: 5,000 samples suffice.
 const STATISTICS_ROWS: usize = 4;
-
-/// The channels of a pixel and a zero: one word to load, store and compare.
-type ChannelSample = [u8; 4];
 
 /// A row that shows ground.
 #[derive(Debug, Clone)]
@@ -305,58 +301,6 @@ fn runs_of(values: &[bool]) -> Vec<Range<usize>> {
         }
     }
     runs
-}
-
-/// Luminance, or the brightest channel: green in most pictures, red or blue where one has no green.
-fn brightness(yuv: bool, [a, b, c, _]: ChannelSample) -> u8 {
-    if yuv { a } else { a.max(b).max(c) }
-}
-
-fn sample_at(image: &ImageView<'_>, column: usize, row: usize) -> ChannelSample {
-    let [a, b, c] = image.native_channels(column, row);
-    [a, b, c, 0]
-}
-
-/// Reads the samples of a row.
-fn read_samples(image: &ImageView<'_>, row: usize, samples: &mut [ChannelSample]) {
-    match image.format {
-        PixelFormat::Rgb8 => {
-            read_packed::<{ 3 * COLUMN_STEP }>(image, row, samples, |word| word & 0xff_ffff);
-        }
-        PixelFormat::Bgr8 => {
-            read_packed::<{ 3 * COLUMN_STEP }>(image, row, samples, |word| word.swap_bytes() >> 8);
-        }
-        PixelFormat::Yuyv => read_packed::<{ 2 * COLUMN_STEP }>(image, row, samples, |word| {
-            word & 0xffff | word >> 8 & 0xff_0000
-        }),
-        PixelFormat::Uyvy => read_packed::<{ 2 * COLUMN_STEP }>(image, row, samples, |word| {
-            word >> 8 & 0xff | (word & 0xff) << 8 | word & 0xff_0000
-        }),
-        _ => {
-            for (number, sample) in samples.iter_mut().enumerate() {
-                *sample = sample_at(image, number * COLUMN_STEP, row);
-            }
-        }
-    }
-}
-
-/// Reads the samples of a row whose pixels follow each other; `BYTES` from sample to sample. `channels` puts the channels
-/// of the first pixel among four bytes into the lowest three.
-fn read_packed<const BYTES: usize>(
-    image: &ImageView<'_>,
-    row: usize,
-    samples: &mut [ChannelSample],
-    channels: impl Fn(u32) -> u32,
-) {
-    let (pixels, _) = image.data[row * image.stride..].as_chunks::<BYTES>();
-    for (sample, bytes) in samples.iter_mut().zip(pixels) {
-        let word = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
-        *sample = channels(word).to_le_bytes();
-    }
-    // The last row may end before its last sample's neighbours do.
-    for (number, sample) in samples.iter_mut().enumerate().skip(pixels.len()) {
-        *sample = sample_at(image, number * COLUMN_STEP, row);
-    }
 }
 
 /// True if all samples are the same, but for a level.

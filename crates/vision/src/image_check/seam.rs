@@ -4,7 +4,8 @@
 //! columns change from one row to the next and not beside it. Where pixels were lost, the lower row continues the
 //! upper one after a displacement.
 
-use super::rows::{COLUMN_STEP, SampledRow, SampledRows};
+use super::rows::{SampledRow, SampledRows};
+use super::samples::COLUMN_STEP;
 use crate::image::ImageView;
 
 /// Pairs of rows above and below with which the step of a column is compared.
