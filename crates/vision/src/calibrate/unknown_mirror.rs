@@ -94,7 +94,11 @@ pub fn calibrate_unknown_mirror(
     let result = attempt.calibrate(&camera, rim, field, images, vision_config, progress);
     let doubtful = match &result {
         Ok(found) => is_doubtful(found.calibration.on_field_share, found.disagreement),
-        Err(error) => matches!(error, CalibrationError::Undecided(_)),
+        // On a wrong field one mirror may explain some of the images and another one the rest.
+        Err(error) => matches!(
+            error,
+            CalibrationError::Undecided(_) | CalibrationError::TwoCameras { .. }
+        ),
     };
     if doubtful {
         // The most frequent reason is the field file. The shorter search of the comparison may fail on the right field, so
