@@ -29,7 +29,18 @@ impl ImageView<'_> {
                 let luma = pair >> (8 + 16 * (u % 2)) & 0xff;
                 luma | (pair & 0xff) << 8 | pair & 0xff_0000
             }),
-            _ => read_each(pixels, channels, |u, v| {
+            PixelFormat::Nv12 => {
+                let chroma = self.height_px * stride;
+                read_each(pixels, channels, |u, v| {
+                    let luma = load_byte(data, v * stride + u);
+                    luma | load_two(data, chroma + v / 2 * stride + (u & !1)) << 8
+                });
+            }
+            PixelFormat::BayerRggb => self.read_cells::<0, 3>(pixels, channels),
+            PixelFormat::BayerBggr => self.read_cells::<3, 0>(pixels, channels),
+            PixelFormat::BayerGrbg => self.read_cells::<1, 2>(pixels, channels),
+            PixelFormat::BayerGbrg => self.read_cells::<2, 1>(pixels, channels),
+            PixelFormat::Grey8 | PixelFormat::Yuv411 => read_each(pixels, channels, |u, v| {
                 if [u, v] == OUTSIDE.map(usize::from) {
                     return 0;
                 }
@@ -37,6 +48,32 @@ impl ImageView<'_> {
                 u32::from_le_bytes([a, b, c, 0])
             }),
         }
+    }
+
+    /// Reads the 2 × 2 cells of a colour filter that hold the pixels; `RED` and `BLUE`: their places in a cell, row by row.
+    #[inline]
+    fn read_cells<const RED: usize, const BLUE: usize>(
+        &self,
+        pixels: &[[u16; 2]],
+        channels: &mut [u32],
+    ) {
+        // The last column or row of an odd size has no complete cell, see `ImageView::native_channels`.
+        let last = [self.width_px, self.height_px].map(|size| (size & !1).saturating_sub(2));
+        // With a single row it is both rows of its cells.
+        let below = self.stride.min((self.height_px - 1) * self.stride);
+        let (data, stride) = (self.data, self.stride);
+        read_each(pixels, channels, |u, v| {
+            if [u, v] == OUTSIDE.map(usize::from) {
+                return 0;
+            }
+            let start = (v & !1).min(last[1]) * stride + (u & !1).min(last[0]);
+            let cell = load_two(data, start) | load_two(data, start + below) << 16;
+            let place = |place: usize| cell >> (8 * place) & 0xff;
+            // Both greens have the other two places.
+            let green =
+                ((cell & 0xff) + place(1) + place(2) + place(3) - place(RED) - place(BLUE)) / 2;
+            place(RED) | green << 8 | place(BLUE) << 16
+        });
     }
 
     /// Reads the red, green and blue of pixels (column, row), red into the lowest byte. The highest byte is undefined.
@@ -86,6 +123,21 @@ fn load_pair(data: &[u8], offset: usize) -> u32 {
         Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]),
         _ => 0,
     }
+}
+
+/// Two bytes from an offset, the first lowest. 0 behind the data's end.
+#[inline(always)]
+fn load_two(data: &[u8], offset: usize) -> u32 {
+    match data.get(offset..offset + 2) {
+        Some(&[a, b]) => u32::from(u16::from_le_bytes([a, b])),
+        _ => 0,
+    }
+}
+
+/// A byte at an offset. 0 behind the data's end.
+#[inline(always)]
+fn load_byte(data: &[u8], offset: usize) -> u32 {
+    data.get(offset).map_or(0, |&byte| u32::from(byte))
 }
 
 #[cfg(test)]
