@@ -23,9 +23,12 @@ pub struct Devices {
 
 impl Devices {
     /// Starts the thread of every configured device. Devices are opened later: a missing one is a state in its health.
+    ///
+    /// `queued_images`: images that consumers may queue at once, as a log does.
     pub fn start(
         hardware: &HardwareConfig,
         robot: &RobotConfig,
+        queued_images: usize,
         queue: &EventQueue,
     ) -> Result<Self, HwError> {
         hardware.check()?;
@@ -37,7 +40,7 @@ impl Devices {
         let camera = match (&hardware.camera, &robot.camera) {
             (Some(device), Some(image)) => {
                 let size_px = [image.width_px as u32, image.height_px as u32];
-                Some(CameraDriver::start(device, size_px, queue)?)
+                Some(CameraDriver::start(device, size_px, queued_images, queue)?)
             }
             (Some(_), None) => {
                 let reason = "the image size is unknown. Add [camera] to robot.toml".to_owned();

@@ -88,7 +88,7 @@ fn genicam_camera_streams_and_reconnects() {
         return;
     };
     let queue = EventQueue::new(64);
-    let camera = CameraDriver::start(&grey_camera(), SIZE_PX, &queue).expect("started");
+    let camera = CameraDriver::start(&grey_camera(), SIZE_PX, 0, &queue).expect("started");
     let (first, second) = (next_image(&queue), next_image(&queue));
     assert_eq!(
         (first.width_px, first.height_px, first.data.len()),
@@ -138,7 +138,7 @@ fn images_have_the_exposure_and_gain_that_are_stated_to_be_in_force() {
         return;
     };
     let queue = EventQueue::new(64);
-    let camera = CameraDriver::start(&grey_camera(), SIZE_PX, &queue).expect("started");
+    let camera = CameraDriver::start(&grey_camera(), SIZE_PX, 0, &queue).expect("started");
     let setting = |exposure, gain| ExposureSetting { exposure, gain };
     // The camera's own description has 10 µs to 10 s and gains of 0 to 10 in whole numbers.
     for (wanted, in_force) in [

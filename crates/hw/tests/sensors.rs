@@ -168,7 +168,7 @@ fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones()
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("camera");
     let queue = EventQueue::new(64);
-    let camera = CameraDriver::start(&camera_device(&path), [8, 4], &queue).expect("started");
+    let camera = CameraDriver::start(&camera_device(&path), [8, 4], 0, &queue).expect("started");
     let state = |expected: HealthState| (camera.health().state == expected).then_some(());
     let mut sender = FakeCamera {
         listener: UnixListener::bind(&path).expect("bound"),
@@ -259,7 +259,7 @@ fn images_carry_the_setting_that_the_camera_reports_and_a_gain_has_fractions() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("camera");
     let queue = EventQueue::new(64);
-    let camera = CameraDriver::start(&camera_device(&path), [8, 4], &queue).expect("started");
+    let camera = CameraDriver::start(&camera_device(&path), [8, 4], 0, &queue).expect("started");
     let mut sender = FakeCamera {
         listener: UnixListener::bind(&path).expect("bound"),
         peer: None,

@@ -106,6 +106,11 @@ struct ClosedFile {
 }
 
 impl LogRotation {
+    /// Images that may wait for the writer.
+    pub(crate) fn queue_images(&self) -> usize {
+        self.plan.config.queue_images
+    }
+
     /// Starts the log, under the next free name if `path` exists. Only here a failure is an error; later it is a message.
     pub(crate) fn start(
         path: &Path,

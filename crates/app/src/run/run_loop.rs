@@ -177,7 +177,11 @@ impl RunLoop {
                 .inspect_err(|error| status.print_line(&format!("cannot lock memory: {error}")));
         }
         let events = EventQueue::new(EVENT_QUEUE_CAPACITY);
-        let devices = Devices::start(&self.robot.hardware, &self.robot.setup.robot, &events)?;
+        let queued_images = self.log.as_ref().map_or(0, LogRotation::queue_images);
+        let RobotFolder {
+            hardware, setup, ..
+        } = &self.robot;
+        let devices = Devices::start(hardware, &setup.robot, queued_images, &events)?;
         self.arbiter
             .attach_base(devices.base.as_ref().map(BaseDriver::handle));
         #[cfg(feature = "ros2")]

@@ -7,7 +7,8 @@ use aravis::{
 use localize::Stamp;
 use localize::robot::ExposureSetting;
 
-use super::image::{BufferPool, Capture, CapturedImage, Encoding};
+use super::buffer_pool::BufferPool;
+use super::image::{Capture, CapturedImage, Encoding};
 use super::settings::CameraSettings;
 use crate::clock;
 use crate::config::CameraDeviceConfig;

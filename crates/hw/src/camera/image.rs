@@ -1,10 +1,11 @@
-//! How is a camera image stored? Stamped bytes in the camera's pixel encoding, in buffers from a pool.
+//! How is a camera image stored? Stamped bytes in the camera's pixel encoding.
 
-use std::ops::Deref;
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::Arc;
 
 use localize::Stamp;
 use localize::robot::ExposureSetting;
+
+use super::buffer_pool::PooledBytes;
 
 /// Pixel encoding of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -90,76 +91,6 @@ impl Encoding {
             _ => height_px,
         };
         stride * rows.saturating_sub(1) + self.row_bytes(width_px)
-    }
-}
-
-/// Bytes of an image; the buffer returns to its pool when it is dropped.
-#[derive(Debug, Default)]
-pub struct PooledBytes {
-    bytes: Vec<u8>,
-    pool: Weak<Mutex<Vec<Vec<u8>>>>,
-}
-
-impl Deref for PooledBytes {
-    type Target = [u8];
-
-    fn deref(&self) -> &[u8] {
-        &self.bytes
-    }
-}
-
-impl From<Vec<u8>> for PooledBytes {
-    /// Bytes that belong to no pool.
-    fn from(bytes: Vec<u8>) -> Self {
-        PooledBytes {
-            bytes,
-            pool: Weak::new(),
-        }
-    }
-}
-
-impl PartialEq for PooledBytes {
-    fn eq(&self, other: &Self) -> bool {
-        self.bytes == other.bytes
-    }
-}
-
-impl Drop for PooledBytes {
-    fn drop(&mut self) {
-        if let Some(pool) = self.pool.upgrade() {
-            let bytes = std::mem::take(&mut self.bytes);
-            let mut free = pool.lock().unwrap_or_else(PoisonError::into_inner);
-            if free.len() < FREE_BUFFERS_MAX {
-                free.push(bytes);
-            }
-        }
-    }
-}
-
-/// Most free buffers kept: one being filled, one queued, one being processed, some in the log's queue. Buffers beyond
-/// that, as with a slow disk, are freed.
-const FREE_BUFFERS_MAX: usize = 8;
-
-/// Reuses the buffers of dropped images.
-#[derive(Debug, Default)]
-pub(crate) struct BufferPool {
-    free: Arc<Mutex<Vec<Vec<u8>>>>,
-}
-
-impl BufferPool {
-    /// Takes an empty buffer and lets `fill` append to it.
-    pub(crate) fn fill<E>(
-        &self,
-        fill: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
-    ) -> Result<Arc<PooledBytes>, E> {
-        let mut free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut bytes = free.pop().unwrap_or_default();
-        drop(free);
-        bytes.clear();
-        let result = fill(&mut bytes);
-        let pool = Arc::downgrade(&self.free);
-        let bytes = Arc::new(PooledBytes { bytes, pool });
-        result.map(|()| bytes)
     }
 }
 

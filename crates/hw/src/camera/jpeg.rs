@@ -1,6 +1,7 @@
 //! Which pixels does a JPEG contain? Decodes the images of cameras that compress.
 
-use super::image::{BufferPool, CapturedImage, Encoding};
+use super::buffer_pool::BufferPool;
+use super::image::{CapturedImage, Encoding};
 
 impl CapturedImage {
     /// Decodes a JPEG to red, green, blue; returns other encodings unchanged. `None` if it is damaged or of another size.
@@ -36,7 +37,7 @@ mod tests {
     use localize::Stamp;
 
     fn frame(encoding: Encoding, width_px: usize, height_px: usize, data: &[u8]) -> CapturedImage {
-        let filled = BufferPool::default().fill(|bytes| {
+        let filled = BufferPool::new(0).fill(|bytes| {
             bytes.extend_from_slice(data);
             Ok::<(), ()>(())
         });
@@ -60,7 +61,7 @@ mod tests {
         encoder
             .encode(&[128; 3 * 16 * 8], 16, 8, image::ExtendedColorType::Rgb8)
             .expect("encoded");
-        let pool = BufferPool::default();
+        let pool = BufferPool::new(0);
         let decode = |bytes: &[u8]| frame(Encoding::Mjpeg, 16, 8, bytes).decompress(&pool);
         assert!(decode(&jpeg[..jpeg.len() - 9]).is_none());
         assert!(decode(&[0xFF, 0xD8, 1, 2]).is_none());

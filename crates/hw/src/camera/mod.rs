@@ -1,6 +1,7 @@
 //! How do images arrive from a camera? One thread per camera delivers the newest image and detects stalls and repeats.
 
 mod applied_setting_history;
+mod buffer_pool;
 #[cfg(feature = "aravis")]
 mod genicam;
 mod image;
@@ -18,7 +19,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use localize::Stamp;
 use localize::robot::ExposureSetting;
 
-pub use image::{CapturedImage, Encoding, PooledBytes};
+pub use buffer_pool::PooledBytes;
+pub use image::{CapturedImage, Encoding};
 pub use settings::CameraSettings;
 
 use crate::clock;
@@ -29,7 +31,8 @@ use crate::health::{HealthReport, HealthState};
 use crate::monitor::Monitor;
 use crate::worker::{POLL_PERIOD, PauseDetector, StallDetector, Waker, Worker, pause_reason};
 use applied_setting_history::AppliedSettingHistory;
-use image::{BufferPool, Capture};
+use buffer_pool::BufferPool;
+use image::Capture;
 use socket::ImageSocket;
 use stamp_validator::StampValidator;
 use v4l2::V4l2;
@@ -142,9 +145,11 @@ impl CameraDriver {
     /// Starts the camera's thread, which opens the device as soon as it is present.
     ///
     /// `size_px`: columns and rows of the image. Images over a socket have the size that their sender chooses.
+    /// `queued_images`: images that consumers may queue at once, as a log does; memory is reserved for them.
     pub fn start(
         device: &CameraDeviceConfig,
         size_px: [u32; 2],
+        queued_images: usize,
         queue: &EventQueue,
     ) -> Result<Self, HwError> {
         let monitor = Monitor::new("camera", queue);
@@ -154,7 +159,7 @@ impl CameraDriver {
             settings: None,
             in_force: AppliedSettingHistory::default(),
             pending_settings: Arc::clone(&pending_settings),
-            pool: BufferPool::default(),
+            pool: BufferPool::new(queued_images),
             monitor: monitor.clone(),
             queue: queue.clone(),
         };
@@ -257,6 +262,7 @@ impl CaptureLoop {
                         self.monitor.count_damaged();
                         continue;
                     };
+                    self.pool.reserve(image.data.len());
                     let validated = stamp_validator.validate(image.stamp, now);
                     image.stamp = validated.stamp;
                     image.repeated = unchanged_since < now;

@@ -9,7 +9,8 @@ use std::time::Duration;
 use localize::Stamp;
 use localize::robot::ExposureSetting;
 
-use super::image::{BufferPool, CapturedImage, Encoding};
+use super::buffer_pool::BufferPool;
+use super::image::{CapturedImage, Encoding};
 use super::settings::CameraSettings;
 use crate::error::HwError;
 use crate::wire::image_stream::{HEADER_BYTES, ImageHeader, SettingsMessage};

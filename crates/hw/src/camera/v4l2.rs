@@ -7,7 +7,8 @@ use localize::robot::ExposureSetting;
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::Errno;
 
-use super::image::{BufferPool, Capture, CapturedImage, Encoding};
+use super::buffer_pool::BufferPool;
+use super::image::{Capture, CapturedImage, Encoding};
 use super::settings::CameraSettings;
 use super::sys;
 use super::v4l2_controls::{

@@ -118,7 +118,7 @@ fn hardware_summary(hardware: &HardwareConfig) -> String {
 
 fn check_devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<Finding> {
     let events = EventQueue::new(1024);
-    let devices = match Devices::start(hardware, &setup.robot, &events) {
+    let devices = match Devices::start(hardware, &setup.robot, 0, &events) {
         Ok(devices) => devices,
         Err(error) => {
             let remedy = "correct hardware.toml or robot.toml";

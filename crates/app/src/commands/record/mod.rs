@@ -11,7 +11,7 @@ use anyhow::{Result, bail};
 use hw::{BaseDriver, DeviceEvent, Devices, EventQueue, HardwareConfig};
 use localize::Field;
 use localize::robot::RobotConfig;
-use pipeline::log::Header;
+use pipeline::log::{Header, LogConfig};
 use pipeline::partial_folder::PartialFolder;
 use serde::Serialize;
 use vision::GroundMap;
@@ -182,7 +182,7 @@ fn record(
     mut write: impl FnMut(DeviceEvent) -> Result<()>,
 ) -> Result<()> {
     let events = EventQueue::new(EVENT_QUEUE_CAPACITY);
-    let devices = Devices::start(hardware, robot, &events)?;
+    let devices = Devices::start(hardware, robot, LogConfig::default().queue_images, &events)?;
     let arbiter = CommandArbiter::new();
     arbiter.attach_base(devices.base.as_ref().map(BaseDriver::handle));
     let teleop_thread = args.teleop.then(|| {
