@@ -1,6 +1,6 @@
 //! Is the set-up right? A thread of low priority asks while the robot drives, and the check at the end asks again.
 
-use std::thread::JoinHandle;
+use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
 
 use hw::realtime::lower_priority;
 use localize::Stamp;
@@ -24,7 +24,8 @@ const DOUBTS_MIN: u32 = 2;
 /// Checks the set-up again and again.
 pub(super) struct SetupWatch {
     keyframes: KeyframeCollector,
-    running: Option<JoinHandle<SetupReport>>,
+    checker: Option<Checker>,
+    is_checking: bool,
     next: Option<Stamp>,
     period: f64,
     /// Checks in a row that doubted the set-up.
@@ -45,7 +46,8 @@ impl Default for SetupWatch {
     fn default() -> Self {
         SetupWatch {
             keyframes: KeyframeCollector::default(),
-            running: None,
+            checker: None,
+            is_checking: false,
             next: None,
             period: PERIOD,
             doubts: 0,
@@ -67,21 +69,40 @@ impl SetupWatch {
         config: &PipelineConfig,
         now: Stamp,
     ) -> Option<SetupVerdict> {
-        if let Some(finished) = self.running.take_if(|check| check.is_finished()) {
-            // A panic has been reported by its thread: it says nothing about the set-up.
-            let report = finished.join().unwrap_or_default();
+        if self.is_checking {
+            let report = self.checker.as_ref()?.take_report()?;
+            self.is_checking = false;
             let verdict = self.judge(&report);
             self.next = Some(now + self.period);
             return verdict;
         }
         let is_early = self.next.is_some_and(|next| now < next);
-        if self.running.is_none() && !is_early && self.keyframes.path() >= PATH_MIN {
+        if !is_early && self.keyframes.path() >= PATH_MIN {
             let keyframes = self.keyframes.keyframes();
             if keyframes.len() >= KEYFRAMES_MIN {
-                self.running = start(setup, config, keyframes);
+                self.is_checking = self.start_check(setup, config, keyframes);
             }
         }
         None
+    }
+
+    /// False if there is no thread for it: the next cycle tries again.
+    fn start_check(
+        &mut self,
+        setup: &Setup,
+        config: &PipelineConfig,
+        keyframes: Vec<MeasuredKeyframe>,
+    ) -> bool {
+        if self.checker.is_none() {
+            self.checker = Checker::start(setup);
+        }
+        let checker = self.checker.as_ref();
+        let is_started =
+            checker.is_some_and(|checker| checker.jobs.send((config.clone(), keyframes)).is_ok());
+        if !is_started {
+            self.checker = None;
+        }
+        is_started
     }
 
     fn judge(&mut self, report: &SetupReport) -> Option<SetupVerdict> {
@@ -115,27 +136,53 @@ impl SetupWatch {
     }
 }
 
-/// Without a thread the next cycle tries again.
-fn start(
-    setup: &Setup,
-    config: &PipelineConfig,
-    keyframes: Vec<MeasuredKeyframe>,
-) -> Option<JoinHandle<SetupReport>> {
-    let (setup, config) = (setup.clone(), config.clone());
-    let check = move || {
-        lower_priority();
-        // The threads of the process's own pool belong to the pipeline.
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(1)
-            .start_handler(|_| lower_priority())
-            .build();
-        let check = || setup_check::check(&setup, &config, &keyframes, Vec::new(), Effort::Brief);
-        pool.map_or_else(|_| SetupReport::default(), |pool| pool.install(check))
-    };
-    std::thread::Builder::new()
-        .name("setup-check".to_owned())
-        .spawn(check)
-        .ok()
+/// Settings, which may be tuned while the robot runs, and keyframes.
+type CheckJob = (PipelineConfig, Vec<MeasuredKeyframe>);
+
+/// The thread of the checks. One for all of them: each new thread would take memory of its own for the same work.
+struct Checker {
+    jobs: Sender<CheckJob>,
+    reports: Receiver<SetupReport>,
+}
+
+impl Checker {
+    fn start(setup: &Setup) -> Option<Self> {
+        let setup = setup.clone();
+        let (jobs, waiting) = mpsc::channel::<CheckJob>();
+        let (report, reports) = mpsc::channel();
+        let check_all = move || {
+            lower_priority();
+            // The threads of the process's own pool belong to the pipeline.
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(1)
+                .start_handler(|_| lower_priority())
+                .build();
+            while let Ok((config, keyframes)) = waiting.recv() {
+                let check =
+                    || setup_check::check(&setup, &config, &keyframes, Vec::new(), Effort::Brief);
+                let found = match &pool {
+                    Ok(pool) => pool.install(check),
+                    Err(_) => SetupReport::default(),
+                };
+                if report.send(found).is_err() {
+                    return;
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("setup-check".to_owned());
+        thread.spawn(check_all).ok()?;
+        Some(Checker { jobs, reports })
+    }
+
+    /// None while the check goes on.
+    fn take_report(&self) -> Option<SetupReport> {
+        match self.reports.try_recv() {
+            Ok(report) => Some(report),
+            Err(TryRecvError::Empty) => None,
+            // A panic has been reported by its thread: it says nothing about the set-up.
+            Err(TryRecvError::Disconnected) => Some(SetupReport::default()),
+        }
+    }
 }
 
 #[cfg(test)]

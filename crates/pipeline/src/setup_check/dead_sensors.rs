@@ -13,15 +13,15 @@ const PATH_MIN: f32 = 0.4;
 /// Least deviation of a quarter of the poses from their mean heading, radians, if the robot turns.
 const TURN_MIN: f32 = 0.12;
 
-/// Number of the odometry's rows, if there are any and they report no motion.
-pub(super) fn rows_without_motion(measured: &[MeasuredKeyframe]) -> Option<usize> {
+/// True if there is odometry and it reports no motion.
+pub(super) fn wheels_stand_still(measured: &[MeasuredKeyframe]) -> bool {
     let rows: Vec<[f32; 3]> = measured
         .iter()
         .filter_map(|keyframe| keyframe.odometry.as_deref())
         .flatten()
         .copied()
         .collect();
-    (!rows.is_empty() && wheel_path(Some(&rows)) < WHEEL_PATH_MIN).then_some(rows.len())
+    !rows.is_empty() && wheel_path(Some(&rows)) < WHEEL_PATH_MIN
 }
 
 /// Path between the poses by their median step, half turns aside, metres. None if the robot stands.

@@ -23,13 +23,13 @@ impl SetupReport {
         self.warnings.push(text);
     }
 
-    /// Doubts what `explained`, with all edits made, leaves unexplained; `still`: rows of wheels that report no motion, and
-    /// the path of the poses, metres.
+    /// Doubts what `explained`, with all edits made, leaves unexplained; `still_path`: path of
+    /// the poses of wheels that report no motion, metres.
     pub(super) fn add_doubts(
         &mut self,
         assessment: &Assessment,
         explained: &Explanation,
-        still: Option<(usize, f32)>,
+        still_path: Option<f32>,
         ranges: &[RangeFinding],
     ) {
         if explained.on_markings() < POINTS_POOR {
@@ -47,9 +47,9 @@ impl SetupReport {
                     Change::OdometryScale(_) | Change::OdometryRotationInDegrees
                 )
             });
-            if let Some((rows, path)) = still.filter(|_| !is_named) {
+            if let Some(path) = still_path.filter(|_| !is_named) {
                 self.doubt(format!(
-                "odometry.csv: the wheels report no motion in {rows} rows, but the images show one of about {path:.1} m"
+                "odometry.csv: the wheels report no motion, but the images show one of about {path:.1} m"
             ));
             } else if !known(Table::Odometry) {
                 let agree = explained

@@ -174,14 +174,12 @@ pub fn check(
         assessment = assess(setup, &config.localize, &without, effort);
     }
     let configured = &assessment.configured;
-    let still = match dead_sensors::rows_without_motion(measured) {
-        Some(rows) => match dead_sensors::path_of_poses(configured) {
-            Some(path) => Some((rows, path)),
-            // The robot stands: images of one place say little about a set-up.
-            None => return SetupReport::default().with_ranges(&ranges),
-        },
-        None => None,
-    };
+    let path_of_poses =
+        dead_sensors::wheels_stand_still(measured).then(|| dead_sensors::path_of_poses(configured));
+    if path_of_poses == Some(None) {
+        // The robot stands: images of one place say little about a set-up.
+        return SetupReport::default().with_ranges(&ranges);
+    }
     // A continuous heading in radians may exceed a turn: the poses decide. Few of them agree with any heading by chance.
     let agreement = configured.compass_agrees().unwrap_or(0.0);
     if agreement >= COMPASS_FINE && ranges.iter().any(|each| each.table == Table::Compass) {
@@ -203,7 +201,7 @@ pub fn check(
     }
     let last = assessment.improvements.last().and_then(|last| last.first());
     let explained = last.map_or(configured, |best| &best.explanation);
-    report.add_doubts(&assessment, explained, still, &ranges);
+    report.add_doubts(&assessment, explained, path_of_poses.flatten(), &ranges);
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
     // Another mistake contradicts the wheels' steps, too; and a latency that is estimated while driving needs no edit.
     if assessment.improvements.is_empty() && config.localize.filter.camera_latency_std == 0.0 {
