@@ -1,6 +1,6 @@
 //! Is the set-up right? A thread of low priority asks while the robot drives, and the check at the end asks again.
 
-use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
+use std::sync::mpsc::{self, Receiver, SyncSender, TryRecvError};
 
 use hw::realtime::lower_priority;
 use localize::Stamp;
@@ -141,15 +141,15 @@ type CheckJob = (PipelineConfig, Vec<MeasuredKeyframe>);
 
 /// The thread of the checks. One for all of them: each new thread would take memory of its own for the same work.
 struct Checker {
-    jobs: Sender<CheckJob>,
+    jobs: SyncSender<CheckJob>,
     reports: Receiver<SetupReport>,
 }
 
 impl Checker {
     fn start(setup: &Setup) -> Option<Self> {
         let setup = setup.clone();
-        let (jobs, waiting) = mpsc::channel::<CheckJob>();
-        let (report, reports) = mpsc::channel();
+        let (jobs, waiting) = mpsc::sync_channel::<CheckJob>(1);
+        let (report, reports) = mpsc::sync_channel(1);
         let check_all = move || {
             lower_priority();
             // The threads of the process's own pool belong to the pipeline.
