@@ -18,8 +18,8 @@ const NOISE_SAMPLES: usize = 1 << 14;
 pub(crate) const RUN_PIXELS: usize = 256;
 /// Steps of the linear scale up to white: in sRGB's steepest part one step changes less than one byte.
 pub(crate) const TONES: usize = 4096;
-/// Entries of the tone table: a power of two, so that a mask replaces the bounds check.
-const TONE_TABLE: usize = 8192;
+/// Entries of the tone table: one for each `u16`, which needs no bounds check. Those beyond white are never read.
+const TONE_TABLE: usize = 1 << 16;
 
 /// Converts linear light to sRGB bytes.
 pub(crate) struct ImageSensor {
@@ -109,9 +109,9 @@ impl ImageSensor {
         let [red, green, blue] = tones;
         for (((pixel, &red), &green), &blue) in pixels.iter_mut().zip(red).zip(green).zip(blue) {
             *pixel = [
-                self.tone[usize::from(red) & (TONE_TABLE - 1)],
-                self.tone[usize::from(green) & (TONE_TABLE - 1)],
-                self.tone[usize::from(blue) & (TONE_TABLE - 1)],
+                self.tone[usize::from(red)],
+                self.tone[usize::from(green)],
+                self.tone[usize::from(blue)],
             ];
         }
     }
