@@ -200,7 +200,7 @@ fn code_block(
     for (row, values) in block.iter_mut().enumerate() {
         values.copy_from_slice(&plane[row * stride..][..BLOCK]);
     }
-    let mut coefficients = product(&product(cosine, &block), inverse);
+    let mut coefficients = product::<BLOCK>(&product::<BLOCK>(cosine, &block), inverse);
     for ((values, steps), per_steps) in coefficients
         .iter_mut()
         .zip(&quantisation.step)
@@ -210,29 +210,59 @@ fn code_block(
             *value = (*value * per + ROUND - ROUND) * step;
         }
     }
-    let block = product(&product(inverse, &coefficients), cosine);
+    // Most blocks keep only slow waves.
+    let block = if has_waves_from::<4>(&coefficients) {
+        waves::<BLOCK>(&coefficients, cosine, inverse)
+    } else if has_waves_from::<2>(&coefficients) {
+        waves::<4>(&coefficients, cosine, inverse)
+    } else {
+        waves::<2>(&coefficients, cosine, inverse)
+    };
     for (row, values) in block.iter().enumerate() {
         plane[row * stride..][..BLOCK].copy_from_slice(values);
     }
+}
+
+/// True if a coefficient in row or column `FIRST` or beyond is not zero.
+#[inline(always)]
+fn has_waves_from<const FIRST: usize>(coefficients: &Matrix) -> bool {
+    let mut sums = [0.0; BLOCK];
+    for (row, values) in coefficients.iter().enumerate() {
+        for (column, (sum, value)) in sums.iter_mut().zip(values).enumerate() {
+            if row >= FIRST || column >= FIRST {
+                *sum += value.abs();
+            }
+        }
+    }
+    sums.iter().sum::<f32>() > 0.0
+}
+
+/// The block of which only the first `USED` rows and columns of coefficients are not zero.
+#[inline(always)]
+fn waves<const USED: usize>(coefficients: &Matrix, cosine: &Matrix, inverse: &Matrix) -> Matrix {
+    product::<USED>(&product::<USED>(inverse, coefficients), cosine)
 }
 
 fn transposed(matrix: &Matrix) -> Matrix {
     std::array::from_fn(|row| std::array::from_fn(|column| matrix[column][row]))
 }
 
-/// Product of two matrices; each row of the result is a sum of rows, which vectorises.
+/// Product of the first `USED` columns of a matrix with the first rows of another; each row of the result is a sum of rows,
+/// which vectorises.
 #[inline(always)]
-fn product(left: &Matrix, right: &Matrix) -> Matrix {
-    left.map(|weights| {
+fn product<const USED: usize>(left: &Matrix, right: &Matrix) -> Matrix {
+    let mut out = [[0.0; BLOCK]; BLOCK];
+    for row in 0..BLOCK {
         let mut sum = [0.0; BLOCK];
-        for (weight, row) in weights.iter().zip(right) {
-            for (sum, value) in sum.iter_mut().zip(row) {
+        for k in 0..USED {
+            for i in 0..BLOCK {
                 // One rounding: exact on every processor, and a single instruction on those of robots.
-                *sum = weight.mul_add(*value, *sum);
+                sum[i] = left[row][k].mul_add(right[k][i], sum[i]);
             }
         }
-        sum
-    })
+        out[row] = sum;
+    }
+    out
 }
 
 #[cfg(test)]
@@ -269,6 +299,31 @@ mod tests {
             errors[0] < 6.0 && errors[0] < errors[1] && errors[1] < errors[2],
             "{errors:?}"
         );
+    }
+
+    #[test]
+    fn fast_waves_that_are_zero_need_not_be_summed() {
+        let jpeg = JpegCompression::new(75);
+        let (cosine, inverse) = (&jpeg.cosine, &jpeg.inverse);
+        let slow = |used: usize| -> Matrix {
+            std::array::from_fn(|row| {
+                std::array::from_fn(|column| {
+                    if row.max(column) < used {
+                        12.5 * (row as f32 - 1.5) + 7.0 * column as f32
+                    } else {
+                        // A negative number that was rounded to zero.
+                        -0.0
+                    }
+                })
+            })
+        };
+        let bits = |block: Matrix| block.map(|row| row.map(f32::to_bits));
+        let (two, four) = (slow(2), slow(4));
+        assert!(!has_waves_from::<2>(&two) && has_waves_from::<2>(&four));
+        assert!(!has_waves_from::<4>(&four) && has_waves_from::<4>(&slow(BLOCK)));
+        let all = [two, four].map(|of| bits(waves::<BLOCK>(&of, cosine, inverse)));
+        assert_eq!(bits(waves::<2>(&two, cosine, inverse)), all[0]);
+        assert_eq!(bits(waves::<4>(&four, cosine, inverse)), all[1]);
     }
 
     #[test]
