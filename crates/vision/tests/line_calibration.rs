@@ -95,6 +95,21 @@ fn line_calibration_corrects_a_20_percent_range_error() {
 }
 
 #[test]
+fn line_calibration_reaches_beyond_the_end_of_its_start_map() {
+    let field = Field::load(&folder("sequence").join("field.toml")).expect("a field");
+    let mut start = exact_map();
+    for (x, y) in start.x.iter_mut().zip(&mut start.y) {
+        if localize::math::hypot(*x, *y) > 3.5 {
+            (*x, *y) = (f32::NAN, f32::NAN);
+        }
+    }
+    let images = images((0..20).step_by(2));
+    let found = calibrate(&start, &field, &[], &images).expect("a map");
+    let off = median_map_error(&found.map, &exact_map(), 4.0, 6.0);
+    assert!(off <= 0.15, "median {off} m from 4 to 6 m");
+}
+
+#[test]
 fn images_without_lines_are_named_in_the_error() {
     let field = Field::load(&folder("sequence").join("field.toml")).expect("a field");
     let exact = GroundMap::load(&folder("calibration").join("exact_map.npz")).expect("a map");

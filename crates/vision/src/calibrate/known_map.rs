@@ -9,12 +9,13 @@ use crate::calibrate::acceptance::{
 };
 use crate::calibrate::halves::compare_halves;
 use crate::calibrate::lines::{LinesCalibration, NamedImage, fit_guess};
+use crate::calibrate::map_continuation::continue_map;
 use crate::config::VisionConfig;
 use crate::optics::ground_map::GroundMap;
 
 /// Calibrates the map from images anywhere on the field.
 ///
-/// `start`: a prior map, may be a fifth off. `other_fields`: named fields that are tried if the images fit this one badly.
+/// `start`: a prior map, may be a fifth off and end before the outermost lines. `other_fields`: named fields that are tried if the images fit this one badly.
 /// Errors if the images show another field, or do not decide the map.
 pub fn calibrate_lines(
     camera: &CameraConfig,
@@ -24,7 +25,8 @@ pub fn calibrate_lines(
     images: &[NamedImage],
     vision_config: &VisionConfig,
 ) -> Result<LinesCalibration, CalibrationError> {
-    let fit = |field: &Field| fit_guess(camera, start, field, images, vision_config);
+    let start = continue_map(start, camera);
+    let fit = |field: &Field| fit_guess(camera, &start, field, images, vision_config);
     let found = fit(field)?;
     let disagreement = compare_halves(camera, &found.map, field, images, vision_config, &found);
     if is_doubtful(found.on_field_share, disagreement) {

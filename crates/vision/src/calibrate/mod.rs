@@ -9,6 +9,7 @@ mod known_map;
 mod line_pixels;
 pub mod lines;
 mod map_alignment;
+mod map_continuation;
 mod map_correction;
 pub mod mask;
 mod mirror_search;
