@@ -25,8 +25,22 @@ pub fn calibrate_lines(
     images: &[NamedImage],
     vision_config: &VisionConfig,
 ) -> Result<LinesCalibration, CalibrationError> {
-    let start = continue_map(start, camera);
-    let fit = |field: &Field| fit_guess(camera, &start, field, images, vision_config);
+    let calibrate = |start: &GroundMap| {
+        calibrate_from(camera, start, field, other_fields, images, vision_config)
+    };
+    // The continuation is a guess: images that do not confirm it may confirm the map alone.
+    calibrate(&continue_map(start, camera)).or_else(|_refused| calibrate(start))
+}
+
+fn calibrate_from(
+    camera: &CameraConfig,
+    start: &GroundMap,
+    field: &Field,
+    other_fields: &[(String, Field)],
+    images: &[NamedImage],
+    vision_config: &VisionConfig,
+) -> Result<LinesCalibration, CalibrationError> {
+    let fit = |field: &Field| fit_guess(camera, start, field, images, vision_config);
     let found = fit(field)?;
     let disagreement = compare_halves(camera, &found.map, field, images, vision_config, &found);
     if is_doubtful(found.on_field_share, disagreement) {
