@@ -51,6 +51,22 @@ pub(super) fn ensure_field_explains(
     })
 }
 
+/// Refuses a map by which most images show too few line points, if those that are left are too few for a comparison of
+/// halves: the map of another mirror bends to a few images without any error.
+pub(super) fn ensure_most_images_count(
+    used: usize,
+    given: usize,
+    disagreement: Option<Disagreement>,
+) -> Result<(), CalibrationError> {
+    if disagreement.is_some() || 2 * used >= given {
+        return Ok(());
+    }
+    Err(CalibrationError::Undecided(format!(
+        "only {used} of {given} images show enough line points by this map, too few to check it. The initial map may be of \
+         another mirror: try --from-nothing"
+    )))
+}
+
 /// Refuses images whose halves give different maps.
 pub(super) fn ensure_halves_agree(
     disagreement: Option<Disagreement>,
@@ -62,5 +78,21 @@ pub(super) fn ensure_halves_agree(
             100.0 * apart.near
         ))),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_images_of_many_are_accepted_only_if_their_halves_were_compared() {
+        let compared = Some(Disagreement {
+            near: 0.01,
+            far: 0.02,
+        });
+        assert!(ensure_most_images_count(6, 37, None).is_err());
+        assert!(ensure_most_images_count(8, 37, compared).is_ok());
+        assert!(ensure_most_images_count(5, 5, None).is_ok());
     }
 }

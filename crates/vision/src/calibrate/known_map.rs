@@ -5,7 +5,8 @@ use localize::robot::CameraConfig;
 
 use crate::calibrate::CalibrationError;
 use crate::calibrate::acceptance::{
-    BETTER_FIELD_ODDS, ensure_field_explains, ensure_halves_agree, is_doubtful, odds,
+    BETTER_FIELD_ODDS, ensure_field_explains, ensure_halves_agree, ensure_most_images_count,
+    is_doubtful, odds,
 };
 use crate::calibrate::halves::compare_halves;
 use crate::calibrate::lines::{LinesCalibration, NamedImage, fit_guess};
@@ -15,8 +16,8 @@ use crate::optics::ground_map::GroundMap;
 
 /// Calibrates the map from images anywhere on the field.
 ///
-/// `start`: a prior map, may be a fifth off and end before the outermost lines. `other_fields`: named fields that are tried if the images fit this one badly.
-/// Errors if the images show another field, or do not decide the map.
+/// `start`: a prior map, may be a fifth off and end before the outermost lines. `other_fields`: named fields that are
+/// tried if the images fit this one badly. Errors if the images show another field, or do not decide the map.
 pub fn calibrate_lines(
     camera: &CameraConfig,
     start: &GroundMap,
@@ -63,6 +64,8 @@ fn calibrate_from(
             });
         }
     }
+    let used = found.images.iter().filter(|image| image.left_out.is_none());
+    ensure_most_images_count(used.count(), images.len(), disagreement)?;
     ensure_field_explains(found.on_field_share, disagreement)?;
     ensure_halves_agree(disagreement)?;
     Ok(found)
