@@ -64,10 +64,10 @@ fn calibrate_from(
             });
         }
     }
-    let used = found.images.iter().filter(|image| image.left_out.is_none());
-    ensure_most_images_count(used.count(), images.len(), disagreement)?;
     ensure_field_explains(found.on_field_share, disagreement)?;
     ensure_halves_agree(disagreement)?;
+    let used = found.images.iter().filter(|image| image.left_out.is_none());
+    ensure_most_images_count(used.count(), images.len(), disagreement)?;
     Ok(found)
 }
 
