@@ -20,20 +20,20 @@ impl ImageView<'_> {
                 load_pixel(data, v * stride + 3 * u).swap_bytes() >> 8
             }),
             PixelFormat::Yuyv => read_each(pixels, channels, |u, v| {
-                let pair = load_pair(data, v * stride + 4 * (u / 2));
+                let pair = load::<4>(data, v * stride + 4 * (u / 2));
                 let luma = pair >> (16 * (u % 2)) & 0xff;
                 luma | pair & 0xff00 | pair >> 8 & 0xff_0000
             }),
             PixelFormat::Uyvy => read_each(pixels, channels, |u, v| {
-                let pair = load_pair(data, v * stride + 4 * (u / 2));
+                let pair = load::<4>(data, v * stride + 4 * (u / 2));
                 let luma = pair >> (8 + 16 * (u % 2)) & 0xff;
                 luma | (pair & 0xff) << 8 | pair & 0xff_0000
             }),
             PixelFormat::Nv12 => {
                 let chroma = self.height_px * stride;
                 read_each(pixels, channels, |u, v| {
-                    let luma = load_byte(data, v * stride + u);
-                    luma | load_two(data, chroma + v / 2 * stride + (u & !1)) << 8
+                    let luma = load::<1>(data, v * stride + u);
+                    luma | load::<2>(data, chroma + v / 2 * stride + (u & !1)) << 8
                 });
             }
             PixelFormat::BayerRggb => self.read_cells::<0, 3>(pixels, channels),
@@ -67,11 +67,11 @@ impl ImageView<'_> {
                 return 0;
             }
             let start = (v & !1).min(last[1]) * stride + (u & !1).min(last[0]);
-            let cell = load_two(data, start) | load_two(data, start + below) << 16;
+            let cell = load::<2>(data, start) | load::<2>(data, start + below) << 16;
             let place = |place: usize| cell >> (8 * place) & 0xff;
-            // Both greens have the other two places.
-            let green =
-                ((cell & 0xff) + place(1) + place(2) + place(3) - place(RED) - place(BLUE)) / 2;
+            // Red and blue are at opposite corners, both greens at the other two.
+            let first = usize::from(RED.is_multiple_of(3));
+            let green = (place(first) + place(3 - first)) / 2;
             place(RED) | green << 8 | place(BLUE) << 16
         });
     }
@@ -116,28 +116,14 @@ fn load_last_pixel(data: &[u8], offset: usize) -> u32 {
     }
 }
 
-/// Four bytes from an offset, the first lowest. 0 behind the data's end.
+/// Up to four bytes from an offset, the first lowest. 0 behind the data's end.
 #[inline(always)]
-fn load_pair(data: &[u8], offset: usize) -> u32 {
-    match data.get(offset..offset + 4) {
-        Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]),
-        _ => 0,
+fn load<const BYTES: usize>(data: &[u8], offset: usize) -> u32 {
+    let mut word = [0; 4];
+    if let Some(bytes) = data.get(offset..offset + BYTES) {
+        word[..BYTES].copy_from_slice(bytes);
     }
-}
-
-/// Two bytes from an offset, the first lowest. 0 behind the data's end.
-#[inline(always)]
-fn load_two(data: &[u8], offset: usize) -> u32 {
-    match data.get(offset..offset + 2) {
-        Some(&[a, b]) => u32::from(u16::from_le_bytes([a, b])),
-        _ => 0,
-    }
-}
-
-/// A byte at an offset. 0 behind the data's end.
-#[inline(always)]
-fn load_byte(data: &[u8], offset: usize) -> u32 {
-    data.get(offset).map_or(0, |&byte| u32::from(byte))
+    u32::from_le_bytes(word)
 }
 
 #[cfg(test)]
