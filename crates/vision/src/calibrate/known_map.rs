@@ -27,48 +27,50 @@ pub fn calibrate_lines(
     vision_config: &VisionConfig,
 ) -> Result<LinesCalibration, CalibrationError> {
     let calibrate = |start: &GroundMap| {
-        calibrate_from(camera, start, field, other_fields, images, vision_config)
+        let fit = |field: &Field| fit_guess(camera, start, field, images, vision_config);
+        let found = fit(field)?;
+        let disagreement = compare_halves(camera, &found.map, field, images, vision_config, &found);
+        if is_doubtful(found.on_field_share, disagreement) {
+            ensure_no_field_fits_better(&found, other_fields, fit)?;
+        }
+        ensure_field_explains(found.on_field_share, disagreement)?;
+        ensure_halves_agree(disagreement)?;
+        let used = found.images.iter().filter(|image| image.left_out.is_none());
+        ensure_most_images_count(used.count(), images.len(), disagreement)?;
+        Ok(found)
     };
-    // The continuation is a guess: images that do not confirm it may confirm the map alone.
-    calibrate(&continue_map(start, camera)).or_else(|_refused| calibrate(start))
+    match continue_map(start, camera) {
+        // The continuation is a guess: images that do not confirm it may confirm the map alone.
+        Some(continued) => calibrate(&continued).or_else(|_refused| calibrate(start)),
+        None => calibrate(start),
+    }
 }
 
-fn calibrate_from(
-    camera: &CameraConfig,
-    start: &GroundMap,
-    field: &Field,
+/// Refuses images that another field explains better. `fit`: the calibration on a field.
+fn ensure_no_field_fits_better(
+    found: &LinesCalibration,
     other_fields: &[(String, Field)],
-    images: &[NamedImage],
-    vision_config: &VisionConfig,
-) -> Result<LinesCalibration, CalibrationError> {
-    let fit = |field: &Field| fit_guess(camera, start, field, images, vision_config);
-    let found = fit(field)?;
-    let disagreement = compare_halves(camera, &found.map, field, images, vision_config, &found);
-    if is_doubtful(found.on_field_share, disagreement) {
-        let own = explained_share(&found);
-        // A field on which too few images find a place explains nothing.
-        let others = other_fields
-            .iter()
-            .filter_map(|(name, other)| Some((name, explained_share(&fit(other).ok()?))));
-        let best = others.max_by(|a, b| a.1.total_cmp(&b.1));
-        if let Some((name, other)) = best
-            && odds(other) > BETTER_FIELD_ODDS * odds(own)
-        {
-            return Err(CalibrationError::WrongField {
+    fit: impl Fn(&Field) -> Result<LinesCalibration, CalibrationError>,
+) -> Result<(), CalibrationError> {
+    let own = explained_share(found);
+    // A field on which too few images find a place explains nothing.
+    let others = other_fields
+        .iter()
+        .filter_map(|(name, other)| Some((name, explained_share(&fit(other).ok()?))));
+    let best = others.max_by(|a, b| a.1.total_cmp(&b.1));
+    match best {
+        Some((name, other)) if odds(other) > BETTER_FIELD_ODDS * odds(own) => {
+            Err(CalibrationError::WrongField {
                 share_percent: (100.0 * own) as u32,
                 hint: format!(
                     "{name} fits better, with {:.0} %. If the field file is right, the initial map is of another mirror: try \
                      --from-nothing",
                     100.0 * other
                 ),
-            });
+            })
         }
+        _ => Ok(()),
     }
-    ensure_field_explains(found.on_field_share, disagreement)?;
-    ensure_halves_agree(disagreement)?;
-    let used = found.images.iter().filter(|image| image.left_out.is_none());
-    ensure_most_images_count(used.count(), images.len(), disagreement)?;
-    Ok(found)
 }
 
 /// Share of the line points of all images that a calibration puts on markings.

@@ -30,12 +30,13 @@ struct MapEnd {
     deviation: f64,
 }
 
-/// The map with ground up to 12 m inside the rim.
-pub(super) fn continue_map(start: &GroundMap, camera: &CameraConfig) -> GroundMap {
+/// The map with ground up to 12 m inside the rim. None if it has all of that.
+pub(super) fn continue_map(start: &GroundMap, camera: &CameraConfig) -> Option<GroundMap> {
     let ends: Vec<Option<MapEnd>> = (0..AZIMUTHS)
         .map(|index| find_end(start, camera, TAU * index as f64 / AZIMUTHS as f64))
         .collect();
     let mut map = start.clone();
+    let mut is_longer = false;
     for index in 0..map.x.len() {
         let (u, v) = (index % map.width_px, index / map.width_px);
         let (column, row) = (u as f32, v as f32);
@@ -54,9 +55,10 @@ pub(super) fn continue_map(start: &GroundMap, camera: &CameraConfig) -> GroundMa
             let (sin, cos) = math::sin_cos(math::atan2(y, x) + end.deviation);
             map.x[index] = (cos / inverse_range) as f32;
             map.y[index] = (sin / inverse_range) as f32;
+            is_longer = true;
         }
     }
-    map
+    is_longer.then_some(map)
 }
 
 /// The end along an azimuth of the image. None if too little ground precedes it, or if the distance does not rise there.
@@ -147,7 +149,10 @@ mod tests {
 
     #[test]
     fn a_map_that_ends_early_is_continued_towards_the_horizon() {
-        let (whole, continued) = (map(11.0), continue_map(&map(4.0), &camera()));
+        let (whole, continued) = (
+            map(11.0),
+            continue_map(&map(4.0), &camera()).expect("more ground"),
+        );
         for index in 0..whole.x.len() {
             let (u, v) = (index % SIDE, index / SIDE);
             let Some(right) = whole.at(u, v) else {
@@ -163,12 +168,17 @@ mod tests {
     #[test]
     fn known_ground_and_the_robot_itself_stay_as_they_are() {
         let start = map(4.0);
-        let continued = continue_map(&start, &camera());
+        let continued = continue_map(&start, &camera()).expect("more ground");
         for index in 0..start.x.len() {
             let (u, v) = (index % SIDE, index / SIDE);
             if start.at(u, v).is_some() || math::hypot(u as f32 - AXIS, v as f32 - AXIS) < 20.0 {
                 assert_eq!(continued.at(u, v), start.at(u, v));
             }
         }
+    }
+
+    #[test]
+    fn a_map_with_all_ground_is_not_continued() {
+        assert!(continue_map(&map(f32::INFINITY), &camera()).is_none());
     }
 }
