@@ -15,13 +15,12 @@ const TURN_MIN: f32 = 0.12;
 
 /// True if there is odometry and it reports no motion.
 pub(super) fn wheels_stand_still(measured: &[MeasuredKeyframe]) -> bool {
-    let rows: Vec<[f32; 3]> = measured
-        .iter()
-        .filter_map(|keyframe| keyframe.odometry.as_deref())
-        .flatten()
-        .copied()
-        .collect();
-    !rows.is_empty() && wheel_path(Some(&rows)) < WHEEL_PATH_MIN
+    let rows = || {
+        let known = measured.iter().filter_map(|it| it.odometry.as_deref());
+        known.filter(|rows| !rows.is_empty())
+    };
+    let path: f32 = rows().map(|rows| wheel_path(Some(rows))).sum();
+    rows().next().is_some() && path < WHEEL_PATH_MIN
 }
 
 /// Path between the poses by their median step, half turns aside, metres. None if the robot stands.
