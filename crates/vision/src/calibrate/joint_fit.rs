@@ -79,6 +79,11 @@ pub(super) trait MapModel {
     /// Variance of a point on the ground from its position in the image, m².
     fn variance(&self, point: &Self::Point) -> f64;
 
+    /// False for a point that is no line by this map, wherever the robot is.
+    fn is_plausible_point(&self, _point: &Self::Point) -> bool {
+        true
+    }
+
     /// The ground and its derivatives by the image's tilt; appends its derivatives by the parameters to `row`.
     fn linearize(
         &self,
@@ -107,6 +112,16 @@ pub(super) struct ImageFit {
     /// Points inside the boundary lines: clutter beside the field says nothing about the map.
     pub(super) on_field_count: f64,
     pub(super) rms_px: f64,
+}
+
+/// Residual of one point.
+struct PointFit {
+    /// From the nearest marking, metres.
+    distance: f64,
+    /// Square metres.
+    variance: f64,
+    is_inlier: bool,
+    is_on_field: bool,
 }
 
 impl<P> FitImage<P> {
@@ -271,26 +286,13 @@ impl<'a, M: MapModel> JointFit<'a, M> {
 
     /// Residual of an image at the present fit.
     pub(super) fn evaluate(&self, image: &FitImage<M::Point>) -> ImageFit {
-        let [x, y, theta, a, b] = image.state;
-        let (sin, cos) = math::sin_cos(theta);
         let (mut squares, mut inliers, mut relative, mut on_field) = (0.0, 0.0, 0.0, 0.0);
-        for point in &image.points {
-            let [gx, gy] = self.model.ground(point, [a, b]);
-            let variance = MARKING_STD * MARKING_STD + self.model.variance(point);
-            let (fx, fy) = (x + cos * gx - sin * gy, y + sin * gx + cos * gy);
-            if !(fx.is_finite() && fy.is_finite() && variance.is_finite()) {
-                continue;
-            }
-            on_field += f64::from(u8::from(self.markings.is_on_field([fx, fy])));
-            let distance = f64::from(
-                self.markings
-                    .distances
-                    .nearest(fx as f32, fy as f32)
-                    .signed_distance,
-            );
-            if distance * distance <= 9.0 * (variance + MARKING_STD * MARKING_STD) {
-                squares += distance * distance;
-                relative += distance * distance / variance;
+        for fit in image.points.iter().filter_map(|it| self.fit_of(image, it)) {
+            on_field += f64::from(u8::from(fit.is_on_field));
+            if fit.is_inlier {
+                let squared = fit.distance * fit.distance;
+                squares += squared;
+                relative += squared / fit.variance;
                 inliers += 1.0;
             }
         }
@@ -300,6 +302,32 @@ impl<'a, M: MapModel> JointFit<'a, M> {
             on_field_count: on_field,
             rms_px: 0.5 * (relative / f64::max(inliers, 1.0)).sqrt(),
         }
+    }
+
+    /// True if a point of an image lies on a marking at the present fit.
+    pub(super) fn is_inlier(&self, image: &FitImage<M::Point>, point: &M::Point) -> bool {
+        self.fit_of(image, point).is_some_and(|fit| fit.is_inlier)
+    }
+
+    /// None at the horizon.
+    fn fit_of(&self, image: &FitImage<M::Point>, point: &M::Point) -> Option<PointFit> {
+        let [x, y, theta, a, b] = image.state;
+        let (sin, cos) = math::sin_cos(theta);
+        let [gx, gy] = self.model.ground(point, [a, b]);
+        let variance = MARKING_STD * MARKING_STD + self.model.variance(point);
+        let (fx, fy) = (x + cos * gx - sin * gy, y + sin * gx + cos * gy);
+        if !(fx.is_finite() && fy.is_finite() && variance.is_finite()) {
+            return None;
+        }
+        let nearest = self.markings.distances.nearest(fx as f32, fy as f32);
+        let distance = f64::from(nearest.signed_distance);
+        Some(PointFit {
+            distance,
+            variance,
+            is_inlier: distance * distance <= 9.0 * (variance + MARKING_STD * MARKING_STD)
+                && self.model.is_plausible_point(point),
+            is_on_field: self.markings.is_on_field([fx, fy]),
+        })
     }
 }
 

@@ -1,17 +1,20 @@
 //! Where are lines in an image whose ground map is unknown? Images in, line points in pixels out.
 //!
 //! The detector runs with a generic map: range grows exponentially with image radius, as in most mirrors of the league.
-//! Only the positions in the image are used. Widths are hardly limited, since the map is a guess.
+//! Only positions and widths in the image are used. Widths are hardly limited, since the map is a guess.
 
 use localize::math;
 use localize::robot::CameraConfig;
+use localize::sample::LinePoint;
 use rayon::prelude::*;
 
 use crate::calibrate::CalibrationError;
 use crate::calibrate::lines::NamedImage;
+use crate::calibrate::radial_model::PixelPoint;
 use crate::calibrate::repeated_images::repeated_images;
 use crate::config::VisionConfig;
 use crate::error::VisionError;
+use crate::lines::detection::LinePointDetection;
 use crate::optics::ground_map::GroundMap;
 use crate::process::Vision;
 
@@ -22,8 +25,7 @@ const GROWTH: f32 = 3.3;
 /// Line points of one image.
 #[derive(Debug, Clone)]
 pub(super) struct ImagePixels {
-    /// Relative to the rim's centre, along the robot's axes, pixels.
-    pub(super) points: Vec<[f64; 2]>,
+    pub(super) points: Vec<PixelPoint>,
     /// Reason for having no points.
     pub(super) refused: Option<String>,
 }
@@ -39,13 +41,12 @@ pub(super) fn detect_line_pixels(
     config.lines.width_ratio_min = 0.0;
     config.lines.width_ratio_max *= 1.5;
     config.scan.pixel_footprint_max = 100.0;
-    let vision =
-        Vision::new(&generic_map(camera), camera, line_width, config).map_err(|source| {
-            CalibrationError::Image {
-                name: "the generic map".into(),
-                source,
-            }
-        })?;
+    let vision = Vision::new(&generic_map(camera), camera, line_width, config.clone()).map_err(
+        |source| CalibrationError::Image {
+            name: "the generic map".into(),
+            source,
+        },
+    )?;
     let repeated = repeated_images(images.iter().map(|image| &image.image));
     images
         .par_iter()
@@ -73,17 +74,35 @@ pub(super) fn detect_line_pixels(
                         });
                     }
                 };
-                let points = found.line_points.iter().map(|point| {
-                    let [u, v] = point.position_px;
-                    camera.robot_direction_px(u, v).map(f64::from)
-                });
+                let points = found.line_points.iter();
                 Ok(ImagePixels {
-                    points: points.collect(),
+                    points: points
+                        .map(|point| pixel_point(point, camera, &config))
+                        .collect(),
                     refused: None,
                 })
             },
         )
         .collect()
+}
+
+fn pixel_point(
+    found: &LinePointDetection,
+    camera: &CameraConfig,
+    config: &VisionConfig,
+) -> PixelPoint {
+    let [u, v] = found.position_px;
+    let LinePoint {
+        std_radial,
+        std_tangential,
+        ..
+    } = found.point;
+    let widths_px = [std_radial, std_tangential]
+        .map(|std| f64::from(found.width * config.lines.position_std_px / std));
+    PixelPoint {
+        at_px: camera.robot_direction_px(u, v).map(f64::from),
+        widths_px,
+    }
 }
 
 fn generic_map(camera: &CameraConfig) -> GroundMap {

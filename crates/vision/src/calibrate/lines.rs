@@ -54,6 +54,9 @@ pub struct LinesCalibration {
 const SCALES: [f64; 9] = [0.7, 0.77, 0.83, 0.9, 1.0, 1.1, 1.2, 1.3, 1.42];
 const POWERS: [f64; 3] = [-0.15, 0.0, 0.15];
 
+/// Part of the least width of a line that is still accepted if the map is a guess.
+pub(super) const GUESS_WIDTH_SLACK: f32 = 0.6;
+
 /// Fewest line points of an image.
 const POINTS_MIN: usize = 25;
 
@@ -143,7 +146,7 @@ fn detect_line_points(
     let mut config = vision_config.clone();
     if is_guess {
         // With a map that is a third off, lines appear a third too narrow or too wide.
-        config.lines.width_ratio_min *= 0.6;
+        config.lines.width_ratio_min *= GUESS_WIDTH_SLACK;
         config.lines.width_ratio_max *= 1.4;
     }
     let named = |name: &str| {

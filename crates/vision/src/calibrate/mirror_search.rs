@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::calibrate::joint_fit::{FitImage, JointFit, Markings, Schedule};
 use crate::calibrate::radial_family::{RadialFunction, family};
-use crate::calibrate::radial_model::{PixelPoint, RadialModel};
+use crate::calibrate::radial_model::{KnownSizes, PixelPoint, RadialModel};
 
 /// From a member of the family to the accuracy of paint.
 const FAMILY_SCHEDULE: Schedule = Schedule {
@@ -46,23 +46,26 @@ pub(super) struct MirrorHypothesis {
     pub(super) poses: Vec<Option<Pose>>,
     /// Share of the points that the markings explain, 0 to 1.
     pub(super) score: f64,
+    /// Image radii between which most of these points lie (5 and 95 %), pixels; of a refined mirror only.
+    pub(super) radii_px: [f64; 2],
+}
+
+impl MirrorHypothesis {
+    /// True if this mirror differs by less than a tenth in range from another one, where that explains line points.
+    pub(super) fn is_similar_to(&self, other: &MirrorHypothesis) -> bool {
+        self.model.is_similar(&other.model, other.radii_px)
+    }
 }
 
 /// The search over a field's markings.
 pub(super) struct MirrorSearch<'a> {
     pub(super) markings: &'a Markings,
     search: BranchAndBound,
-    viewpoint_height: f64,
-    rim_px: f64,
+    sizes: KnownSizes,
 }
 
 impl<'a> MirrorSearch<'a> {
-    pub(super) fn new(
-        field: &Field,
-        markings: &'a Markings,
-        rim_px: f64,
-        viewpoint_height: f64,
-    ) -> Self {
+    pub(super) fn new(field: &Field, markings: &'a Markings, sizes: KnownSizes) -> Self {
         let config = BranchAndBoundConfig {
             hypotheses_max: 3,
             runner_up_blocks: 200,
@@ -71,8 +74,7 @@ impl<'a> MirrorSearch<'a> {
         MirrorSearch {
             markings,
             search: BranchAndBound::new(field, &markings.distances, config),
-            viewpoint_height,
-            rim_px,
+            sizes,
         }
     }
 
@@ -93,7 +95,7 @@ impl<'a> MirrorSearch<'a> {
             .map_init(
                 || self.search.clone(),
                 |search, &function| {
-                    let model = RadialModel::new(function, self.rim_px, self.viewpoint_height);
+                    let model = RadialModel::new(function, self.sizes);
                     let hypothesis = self.locate(search, model, images, RELATIVE_TOLERANCE);
                     done();
                     hypothesis
@@ -120,6 +122,7 @@ impl<'a> MirrorSearch<'a> {
             model,
             score: total / images.len().max(1) as f64,
             poses: found.into_iter().map(|found| Some(found?.1)).collect(),
+            radii_px: [0.0, f64::INFINITY],
         }
     }
 
@@ -139,8 +142,9 @@ impl<'a> MirrorSearch<'a> {
         let points: Vec<LinePoint> = image
             .points
             .iter()
+            .filter(|point| model.is_wide_enough(point))
             .filter_map(|point| {
-                let (ground, footprint) = model.ground_and_footprint(point, [0.0; 2])?;
+                let (ground, footprint) = model.ground_and_footprint(point.at_px, [0.0; 2])?;
                 let [x, y] = ground.map(|axis| axis as f32);
                 let range = math::hypot(ground[0], ground[1]);
                 (range < RANGE_MAX).then(|| LinePoint {
@@ -196,11 +200,18 @@ impl<'a> MirrorSearch<'a> {
             .collect();
         let mut fit = JointFit::new(self.markings, model.clone(), fit_images);
         fit.optimize(&FAMILY_SCHEDULE);
-        let score = inlier_share(&fit);
+        let points: usize = fit.images.iter().map(|image| image.points.len()).sum();
+        let mut radii = explained_radii(&fit);
+        radii.sort_by(f64::total_cmp);
+        let quantile = |share: f64| {
+            let index = (share * radii.len().saturating_sub(1) as f64) as usize;
+            radii.get(index).copied().unwrap_or(0.0)
+        };
         MirrorHypothesis {
-            model: fit.model,
             poses: poses.to_vec(),
-            score,
+            score: radii.len() as f64 / points.max(1) as f64,
+            radii_px: [quantile(0.05), quantile(0.95)],
+            model: fit.model,
         }
     }
 
@@ -236,26 +247,13 @@ impl<'a> MirrorSearch<'a> {
     }
 }
 
-/// Image radii between which most points lie (5 and 95 %), pixels.
-pub(super) fn radii_px(images: &[SearchImage]) -> [f64; 2] {
-    let points = images.iter().flat_map(|image| &image.points);
-    let mut radii: Vec<f64> = points
-        .map(|point| math::hypot(point.0[0], point.0[1]))
-        .collect();
-    radii.sort_by(f64::total_cmp);
-    let quantile = |share: f64| {
-        let index = (share * radii.len().saturating_sub(1) as f64) as usize;
-        radii.get(index).copied().unwrap_or(0.0)
-    };
-    [quantile(0.05), quantile(0.95)]
-}
-
-/// Share of the points of all images that lie on markings.
-fn inlier_share(fit: &JointFit<'_, RadialModel>) -> f64 {
-    let (mut inliers, mut points) = (0.0, 0.0);
-    for image in &fit.images {
-        inliers += fit.evaluate(image).inlier_count;
-        points += image.points.len() as f64;
-    }
-    inliers / f64::max(points, 1.0)
+/// Image radii of the points that lie on markings, pixels.
+fn explained_radii(fit: &JointFit<'_, RadialModel>) -> Vec<f64> {
+    let explained = fit.images.iter().flat_map(|image| {
+        let points = image.points.iter();
+        points.filter(|point| fit.is_inlier(image, point))
+    });
+    explained
+        .map(|point| math::hypot(point.at_px[0], point.at_px[1]))
+        .collect()
 }

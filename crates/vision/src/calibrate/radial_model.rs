@@ -51,16 +51,29 @@ const BOUND_STD: f64 = 0.01;
 #[derive(Debug, Clone)]
 pub(super) struct RadialModel {
     function: RadialFunction,
-    /// Rim's radius, pixels.
-    rim_px: f64,
     parameters: Vec<f64>,
-    /// Height of the viewpoint above the ground, metres.
-    viewpoint_height: f64,
+    sizes: KnownSizes,
 }
 
-/// A pixel relative to the rim's centre, along the robot's axes, pixels.
+/// What is known of the picture of any mirror.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct PixelPoint(pub(super) [f64; 2]);
+pub(super) struct KnownSizes {
+    /// Radius of the rim, pixels.
+    pub(super) rim_px: f64,
+    /// Height of the viewpoint above the ground, metres.
+    pub(super) viewpoint_height: f64,
+    /// Least width of a line on the ground, metres.
+    pub(super) line_width_min: f64,
+}
+
+/// A line point in an image.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PixelPoint {
+    /// Relative to the rim's centre, along the robot's axes, pixels.
+    pub(super) at_px: [f64; 2],
+    /// Width of the line if it was crossed along the radius, and if across it, pixels.
+    pub(super) widths_px: [f64; 2],
+}
 
 /// Range and its derivatives at a pixel.
 struct RadialPoint {
@@ -95,19 +108,19 @@ fn basis(part: f64) -> (usize, [f64; 4], [f64; 4]) {
 }
 
 impl RadialModel {
-    pub(super) fn new(function: RadialFunction, rim_px: f64, viewpoint_height: f64) -> Self {
+    pub(super) fn new(function: RadialFunction, sizes: KnownSizes) -> Self {
         RadialModel {
             function,
-            rim_px,
             parameters: vec![0.0; PARAMETER_COUNT],
-            viewpoint_height,
+            sizes,
         }
     }
 
-    fn radial_point(&self, point: &PixelPoint) -> RadialPoint {
-        let [x, y] = [0, 1].map(|i| point.0[i] - self.parameters[i]);
+    /// `at_px`: relative to the rim's centre, along the robot's axes.
+    fn radial_point(&self, at_px: [f64; 2]) -> RadialPoint {
+        let [x, y] = [0, 1].map(|i| at_px[i] - self.parameters[i]);
         let radius_px = math::hypot(x, y).max(1e-3);
-        let part = radius_px / self.rim_px;
+        let part = radius_px / self.sizes.rim_px;
         let (first, splines, slopes) = basis(part);
         let here = &self.parameters[SPLINE_START + first..SPLINE_START + first + 4];
         let sum = |basis: &[f64; 4]| here.iter().zip(basis).map(|(c, b)| c * b).sum::<f64>();
@@ -117,7 +130,7 @@ impl RadialModel {
             direction: [x / radius_px, y / radius_px],
             radius_px,
             range,
-            slope: range * (log_slope + sum(&slopes) * INTERVALS as f64) / self.rim_px,
+            slope: range * (log_slope + sum(&slopes) * INTERVALS as f64) / self.sizes.rim_px,
             first,
             splines,
         }
@@ -127,7 +140,7 @@ impl RadialModel {
     pub(super) fn describe(&self) -> String {
         let ranges = [0.2, 0.4, 0.6, 0.8].map(|share| {
             let [u, v] = [self.parameters[0], self.parameters[1]];
-            let at = self.radial_point(&PixelPoint([share * self.rim_px + u, v]));
+            let at = self.radial_point([share * self.sizes.rim_px + u, v]);
             format!("{:.2}", at.range)
         });
         format!(
@@ -136,13 +149,26 @@ impl RadialModel {
         )
     }
 
+    /// True if a line point is not narrower on the ground than a line, whatever its direction.
+    ///
+    /// A map that shrinks the ground puts all points next to a marking. Blur, bloom and oblique crossings widen a line, but
+    /// nothing makes it narrower than its paint.
+    pub(super) fn is_wide_enough(&self, point: &PixelPoint) -> bool {
+        /// Sampling narrows a line by up to a third of a pixel.
+        const NARROWED_PX: f64 = 1.0 / 3.0;
+        let at = self.radial_point(point.at_px);
+        let footprint = [at.slope, at.range / at.radius_px];
+        (0..2)
+            .any(|i| (point.widths_px[i] + NARROWED_PX) * footprint[i] >= self.sizes.line_width_min)
+    }
+
     /// Ground of a pixel, and metres per pixel along and across the radius; None beyond the horizon.
     pub(super) fn ground_and_footprint(
         &self,
-        point: &PixelPoint,
+        at_px: [f64; 2],
         image_tilt: [f64; 2],
     ) -> Option<([f64; 2], [f64; 2])> {
-        let at = self.radial_point(point);
+        let at = self.radial_point(at_px);
         let ground = self.tilted(&at, image_tilt);
         let finite = ground.iter().all(|value| value.is_finite()) && at.slope.is_finite();
         finite.then(|| (ground, [at.slope.abs(), at.range / at.radius_px]))
@@ -154,7 +180,12 @@ impl RadialModel {
 
     fn tilted_point(&self, upright: [f64; 2], image_tilt: [f64; 2]) -> [f64; 2] {
         let mirror_tilt = [0, 1].map(|i| self.parameters[2 + i]);
-        tilt_ground_point(upright, mirror_tilt, image_tilt, self.viewpoint_height)
+        tilt_ground_point(
+            upright,
+            mirror_tilt,
+            image_tilt,
+            self.sizes.viewpoint_height,
+        )
     }
 
     /// Bounds of geometry that the present parameters violate, as squares.
@@ -198,7 +229,7 @@ impl RadialModel {
     /// Without these bounds a flat or tiny map explains everything: all points lie on one marking.
     pub(super) fn is_plausible(&self, from_px: f64, to_px: f64) -> bool {
         let [u, v, a, b] = [0, 1, 2, 3].map(|i| self.parameters[i]);
-        let at = |radius: f64| self.radial_point(&PixelPoint([radius + u, v]));
+        let at = |radius: f64| self.radial_point([radius + u, v]);
         let steps = (to_px - from_px).max(0.0) as usize;
         let grows = (0..steps).all(|step| {
             let radius = from_px + step as f64;
@@ -207,8 +238,8 @@ impl RadialModel {
         });
         let reaches = RANGES_MIN
             .iter()
-            .all(|&(share, least)| at(share * self.rim_px).range >= 0.8 * least);
-        math::hypot(u, v) <= CENTRE_OFFSET_MAX * self.rim_px
+            .all(|&(share, least)| at(share * self.sizes.rim_px).range >= 0.8 * least);
+        math::hypot(u, v) <= CENTRE_OFFSET_MAX * self.sizes.rim_px
             && math::hypot(a, b).to_degrees() <= TILT_MAX_DEG
             && grows
             && reaches
@@ -220,7 +251,7 @@ impl RadialModel {
             let radius_px = inner + share * (outer - inner);
             let range = |model: &RadialModel| {
                 let [u, v] = [model.parameters[0], model.parameters[1]];
-                let point = model.radial_point(&PixelPoint([radius_px + u, v]));
+                let point = model.radial_point([radius_px + u, v]);
                 point.range.min(SIMILAR_RANGE_MAX)
             };
             math::ln(range(self) / range(other)).abs() < 0.1
@@ -251,8 +282,8 @@ impl RadialModel {
             if !camera.is_inside_mirror(u, v) {
                 continue;
             }
-            let point = PixelPoint(camera.robot_direction_px(u, v).map(f64::from));
-            let Some((ground, _)) = self.ground_and_footprint(&point, [0.0; 2]) else {
+            let at_px = camera.robot_direction_px(u, v).map(f64::from);
+            let Some((ground, _)) = self.ground_and_footprint(at_px, [0.0; 2]) else {
                 continue;
             };
             if math::hypot(ground[0], ground[1]) <= range_max {
@@ -273,17 +304,21 @@ impl MapModel for RadialModel {
     }
 
     fn ground(&self, point: &PixelPoint, image_tilt: [f64; 2]) -> [f64; 2] {
-        self.tilted(&self.radial_point(point), image_tilt)
+        self.tilted(&self.radial_point(point.at_px), image_tilt)
     }
 
     fn variance(&self, point: &PixelPoint) -> f64 {
         const POSITION_STD_PX: f64 = 0.7;
-        let at = self.radial_point(point);
+        let at = self.radial_point(point.at_px);
         let (radial, tangential) = (
             POSITION_STD_PX * at.slope,
             POSITION_STD_PX * at.range / at.radius_px,
         );
         0.5 * (radial * radial + tangential * tangential)
+    }
+
+    fn is_plausible_point(&self, point: &PixelPoint) -> bool {
+        self.is_wide_enough(point)
     }
 
     fn linearize(
@@ -293,7 +328,7 @@ impl MapModel for RadialModel {
         row: &mut Vec<(usize, [f64; 2])>,
     ) -> ([f64; 2], [[f64; 2]; 2]) {
         const STEP: f64 = 1e-5;
-        let at = self.radial_point(point);
+        let at = self.radial_point(point.at_px);
         let here = self.tilted(&at, image_tilt);
         let upright = at.direction.map(|axis| axis * at.range);
         let difference = |moved: [f64; 2]| [0, 1].map(|i| (moved[i] - here[i]) / STEP);
@@ -323,7 +358,7 @@ impl MapModel for RadialModel {
                 -(at.slope * ey * ey + across * ex * ex),
             ]),
         ));
-        let [by_a, by_b] = by_mirror_tilt(by_tilt, self.viewpoint_height);
+        let [by_a, by_b] = by_mirror_tilt(by_tilt, self.sizes.viewpoint_height);
         row.push((2, by_a));
         row.push((3, by_b));
         let outward = chain(upright);
@@ -342,7 +377,7 @@ impl MapModel for RadialModel {
             target: 0.0,
             row: vec![(index, 1.0)],
         };
-        let centre_std = CENTRE_STD * self.rim_px;
+        let centre_std = CENTRE_STD * self.sizes.rim_px;
         let tilt_std = TILT_STD_DEG.to_radians();
         let mut terms = vec![
             single(0, centre_std),
@@ -371,5 +406,49 @@ impl MapModel for RadialModel {
 
     fn parameters_mut(&mut self) -> &mut [f64] {
         &mut self.parameters
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LINE_WIDTH: f64 = 0.1;
+
+    fn model(near: f64) -> RadialModel {
+        let function = RadialFunction {
+            near,
+            horizon: 1.3,
+            power: 3.0,
+        };
+        let sizes = KnownSizes {
+            rim_px: 240.0,
+            viewpoint_height: 0.75,
+            line_width_min: 0.4 * LINE_WIDTH,
+        };
+        RadialModel::new(function, sizes)
+    }
+
+    /// A line across the radius, blurred to `widened` times its width.
+    fn point(model: &RadialModel, radius_px: f64, widened: f64) -> PixelPoint {
+        let slope = model.radial_point([radius_px, 0.0]).slope;
+        let width_px = widened * LINE_WIDTH / slope;
+        PixelPoint {
+            at_px: [radius_px, 0.0],
+            widths_px: [width_px, width_px],
+        }
+    }
+
+    #[test]
+    fn lines_are_too_narrow_for_a_map_that_shrinks_the_ground_and_for_no_other() {
+        let [right, shrunken, enlarged] = [3.0, 0.8, 6.0].map(model);
+        for radius_px in [60.0, 100.0, 140.0, 180.0] {
+            let sharp = point(&right, radius_px, 1.0);
+            assert!(right.is_wide_enough(&sharp), "{radius_px} px");
+            assert!(!shrunken.is_wide_enough(&sharp), "{radius_px} px");
+            assert!(enlarged.is_wide_enough(&sharp), "{radius_px} px");
+            // Near the robot overexposed lines bloom to three times their width.
+            assert!(right.is_wide_enough(&point(&right, radius_px, 3.0)));
+        }
     }
 }

@@ -16,10 +16,12 @@ use crate::calibrate::acceptance::{
 use crate::calibrate::halves::{Disagreement, compare_halves};
 use crate::calibrate::joint_fit::Markings;
 use crate::calibrate::line_pixels::detect_line_pixels;
-use crate::calibrate::lines::{IMAGES_MIN, LinesCalibration, NamedImage, refine_map};
+use crate::calibrate::lines::{
+    GUESS_WIDTH_SLACK, IMAGES_MIN, LinesCalibration, NamedImage, refine_map,
+};
 use crate::calibrate::map_alignment::PlanarTransform;
-use crate::calibrate::mirror_search::{MirrorHypothesis, MirrorSearch, SearchImage, radii_px};
-use crate::calibrate::radial_model::{PixelPoint, RadialModel};
+use crate::calibrate::mirror_search::{MirrorHypothesis, MirrorSearch, SearchImage};
+use crate::calibrate::radial_model::KnownSizes;
 use crate::calibrate::rim::{Rim, find_rim};
 use crate::config::VisionConfig;
 use crate::image::Image;
@@ -89,6 +91,7 @@ pub fn calibrate_unknown_mirror(
     let attempt = Attempt {
         rim_px: f64::from(camera.outer_radius_px.unwrap_or(1.0)),
         height: f64::from(vision_config.objects.viewpoint_height),
+        width_ratio_min: f64::from(GUESS_WIDTH_SLACK * vision_config.lines.width_ratio_min),
         all: &all,
     };
     let result = attempt.calibrate(&camera, rim, field, images, vision_config, progress);
@@ -144,7 +147,7 @@ fn search_images(
         .filter(|(_, image)| image.points.len() >= POINTS_MIN)
         .map(|(index, image)| SearchImage {
             index,
-            points: image.points.iter().map(|&at| PixelPoint(at)).collect(),
+            points: image.points.clone(),
         })
         .collect();
     if all.len() >= IMAGES_MIN {
@@ -207,6 +210,8 @@ struct Attempt<'a> {
     rim_px: f64,
     /// Of the viewpoint above the ground, metres.
     height: f64,
+    /// Least width of a line point, in line widths.
+    width_ratio_min: f64,
     all: &'a [SearchImage],
 }
 
@@ -223,7 +228,7 @@ impl Attempt<'_> {
         let chosen = choose_images(self.all, SEARCH_IMAGES);
         let step = |done: f32| progress(0.1 + 0.6 * done);
         let ranked = self.rank_models(&chosen, field, REFINED, &step);
-        let model = self.fit_all(field, decide(&ranked, radii_px(&chosen))?);
+        let model = self.decide(field, &ranked)?.model;
         let rim_camera = camera;
         let camera = CameraConfig {
             centre_px: model.centre_px(camera),
@@ -246,6 +251,15 @@ impl Attempt<'_> {
         })
     }
 
+    fn search<'m>(&self, field: &Field, markings: &'m Markings) -> MirrorSearch<'m> {
+        let sizes = KnownSizes {
+            rim_px: self.rim_px,
+            viewpoint_height: self.height,
+            line_width_min: self.width_ratio_min * f64::from(field.config.line_width),
+        };
+        MirrorSearch::new(field, markings, sizes)
+    }
+
     /// Plausible mirrors for some images, by the share of the points that they explain; of the family's best members.
     fn rank_models(
         &self,
@@ -255,8 +269,7 @@ impl Attempt<'_> {
         progress: &(dyn Fn(f32) + Sync),
     ) -> Vec<MirrorHypothesis> {
         let markings = Markings::new(field);
-        let search = MirrorSearch::new(field, &markings, self.rim_px, self.height);
-        let [inner, outer] = radii_px(chosen);
+        let search = self.search(field, &markings);
         let work = AtomicUsize::new(0);
         let total = search.family_size() + refined;
         let done = || {
@@ -270,6 +283,7 @@ impl Attempt<'_> {
             .filter_map(|hypothesis| {
                 let refined = search.refine_repeatedly(hypothesis, chosen, REFINE_ROUNDS);
                 done();
+                let [inner, outer] = refined.radii_px;
                 refined.model.is_plausible(inner, outer).then_some(refined)
             })
             .collect();
@@ -277,11 +291,33 @@ impl Attempt<'_> {
         plausible
     }
 
-    /// The model refined with all images.
-    fn fit_all(&self, field: &Field, model: &RadialModel) -> RadialModel {
+    /// The best of the ranked mirrors, refined with all images; an error if another one explains the points as well.
+    fn decide(
+        &self,
+        field: &Field,
+        ranked: &[MirrorHypothesis],
+    ) -> Result<MirrorHypothesis, CalibrationError> {
+        let Some(first) = ranked.first() else {
+            return Err(CalibrationError::Undecided(
+                "no mirror explains the line points. Take more images all over the field".into(),
+            ));
+        };
         let markings = Markings::new(field);
-        let search = MirrorSearch::new(field, &markings, self.rim_px, self.height);
-        search.locate_and_refine(model, self.all).model
+        let search = self.search(field, &markings);
+        let best = search.locate_and_refine(&first.model, self.all);
+        // With few images two mirrors may differ that are one with all of them.
+        let mut tried = vec![first];
+        for other in &ranked[1..] {
+            if !explains_as_well(other, first) || tried.iter().any(|it| other.is_similar_to(it)) {
+                continue;
+            }
+            tried.push(other);
+            let rival = search.locate_and_refine(&other.model, self.all);
+            if explains_as_well(&rival, &best) && !rival.is_similar_to(&best) {
+                return Err(undecided(&best, &rival));
+            }
+        }
+        Ok(best)
     }
 
     /// An error if one of the other fields explains the images better, by a shorter search for all of them. `own`: share
@@ -352,31 +388,20 @@ impl Attempt<'_> {
     }
 }
 
-/// The best of the ranked models; an error if another one explains the points as well.
-fn decide(
-    ranked: &[MirrorHypothesis],
-    radii_px: [f64; 2],
-) -> Result<&RadialModel, CalibrationError> {
-    let Some(best) = ranked.first() else {
-        return Err(CalibrationError::Undecided(
-            "no mirror explains the line points. Take more images all over the field".into(),
-        ));
-    };
-    let rival = ranked.iter().find(|other| {
-        odds(other.score) * UNDECIDED_ODDS > odds(best.score)
-            && !other.model.is_similar(&best.model, radii_px)
-    });
-    match rival {
-        Some(rival) => Err(CalibrationError::Undecided(format!(
-            "two mirrors explain them alike, with ranges of {} ({:.0} % of the points) and {} ({:.0} %). Take images with \
-             the centre circle and corners in view",
-            best.model.describe(),
-            100.0 * best.score,
-            rival.model.describe(),
-            100.0 * rival.score
-        ))),
-        None => Ok(&best.model),
-    }
+/// True if the odds of a point on a marking are nearly those by another mirror, or better.
+fn explains_as_well(mirror: &MirrorHypothesis, other: &MirrorHypothesis) -> bool {
+    odds(mirror.score) * UNDECIDED_ODDS > odds(other.score)
+}
+
+fn undecided(best: &MirrorHypothesis, rival: &MirrorHypothesis) -> CalibrationError {
+    CalibrationError::Undecided(format!(
+        "two mirrors explain them alike, with ranges of {} ({:.0} % of the points) and {} ({:.0} %). Take images with \
+         the centre circle and corners in view",
+        best.model.describe(),
+        100.0 * best.score,
+        rival.model.describe(),
+        100.0 * rival.score
+    ))
 }
 
 /// Images of the search: evenly over the recording, of those with many line points.
