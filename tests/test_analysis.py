@@ -73,6 +73,21 @@ def test_parquet_round_trip_equals_the_cycle_table(game: Path, tmp_path: Path) -
     pd.testing.assert_frame_equal(pd.read_parquet(written[0]), cycles(game), check_dtype=False)
 
 
+def test_no_topics_are_written_if_none_are_named(game: Path, tmp_path: Path) -> None:
+    assert write_parquet(game, folder=tmp_path, topics=[]) == []
+
+
+def test_counts_below_one_are_refused_by_name(game: Path) -> None:
+    with pytest.raises(ValueError, match="invalid every: 0"):
+        exposure(game, every=0)
+    with pytest.raises(ValueError, match="invalid rows: -1"):
+        next(stream(game, "/cycle", rows=-1))
+    with pytest.raises(ValueError, match="invalid scale: 0"):
+        next(overlays(game, scale=0))
+    with pytest.raises(ValueError, match="invalid gap_factor: 0.0"):
+        dropouts(cycles(game), gap_factor=0.0)
+
+
 def test_truncated_log_is_read_to_its_last_complete_chunk(game: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(game.read_bytes()[: game.stat().st_size // 2])

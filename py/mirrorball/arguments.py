@@ -63,6 +63,12 @@ def invalid(name: str, value: Any, expected: str) -> str:
     return f"invalid {name}: {shown} (expected {expected})"
 
 
+def require_count(name: str, value: int) -> None:
+    """Raises ValueError for less than one."""
+    if value < 1:
+        raise ValueError(invalid(name, value, "at least 1"))
+
+
 def require_columns(name: str, table: Any, columns: Iterable[str]) -> None:
     """Raises ValueError if a table lacks one of the columns."""
     missing = [column for column in columns if column not in table.columns]

@@ -43,6 +43,8 @@ def dropouts(cycles: pd.DataFrame, *, gap_factor: float = 1.5) -> pd.DataFrame:
     `dropped`: cycles that the recorder had no room for (their numbers are missing). `gap`: no frame for more than
     `gap_factor` usual periods. `unusable`: a frame that could not be read. `lost`: no pose.
     """
+    if gap_factor <= 1.0:
+        raise ValueError(invalid("gap_factor", gap_factor, "more than 1"))
     require_columns("cycles", cycles, ("stamp_s", "index", "mode", "reason"))
     rows: list[tuple[str, float, float, str]] = []
     stamps, index = cycles["stamp_s"].to_numpy(), cycles["index"].to_numpy()

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mirrorball.analysis.units import with_unit
-from mirrorball.arguments import checked
+from mirrorball.arguments import checked, require_count
 from mirrorball.log import Log
 
 CYCLE_ELEMENTS = {
@@ -136,6 +136,7 @@ def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
     The entropy is nubot2013 eq. 5: −Σ P·ln P over 256 levels, summed over red, green and blue. The black surround of a
     mirror counts like everything else, so that values compare within one camera only.
     """
+    require_count("every", every)
     rows = []
     for index, (stamp, image) in enumerate(as_log(log).images()):
         if index % every:
@@ -153,6 +154,7 @@ def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
 @checked
 def stream(log: Log | str | Path, topic: str, *, rows: int = 10_000) -> Iterator[pd.DataFrame]:
     """A topic's table in pieces of about `rows` rows, for topics that do not fit into memory."""
+    require_count("rows", rows)
     log = as_log(log)
     borders = _piece_borders(log.log_times_ns(topic), rows)
     for start, stop in zip([None, *borders], [*borders, None], strict=True):
@@ -178,14 +180,16 @@ def _piece_borders(times_ns: NDArray[np.uint64], rows: int) -> list[float]:
 
 @checked
 def write_parquet(log: Log | str | Path, *, folder: str | Path, topics: list[str] | None = None) -> list[Path]:
-    """Writes each topic's table (but images) as Parquet, piece by piece; /cycle with its errors against truth."""
+    """Writes each topic's table as Parquet, piece by piece; /cycle with its errors against truth. None: all but images."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     log, folder = as_log(log), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for topic in topics or [topic for topic in log.topics if not topic.startswith("/camera/")]:
+    if topics is None:
+        topics = [topic for topic in log.topics if not topic.startswith("/camera/")]
+    for topic in topics:
         path = folder / f"{topic.strip('/').replace('/', '_')}.parquet"
         writer = None
         for piece in stream(log, topic):
