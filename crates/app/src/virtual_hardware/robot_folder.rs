@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use hw::config::Bus;
 use sim::Simulator;
+use vision::output_file::write_file;
 
 use super::options::Options;
 use super::vescs::NODES;
@@ -73,7 +74,7 @@ pub(super) fn write_robot_folder(sim: &Simulator, options: &Options<'_>) -> Resu
         ("hardware.toml", hardware),
     ] {
         let path = options.folder.join(name);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        write_file(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
 }

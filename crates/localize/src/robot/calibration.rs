@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::value_checks::{TURN_DEG, check_within};
+use super::value_checks::{TURN_DEG, check_finite, check_positive, check_within};
 use crate::math;
 use crate::sample::{Imu, Odometry};
 use crate::sensors::compass_calibration::CompassCalibration;
@@ -140,6 +140,27 @@ impl ImuCalibration {
         )?;
         check_within("imu.calibration.rate_bias_deg", &self.rate_bias_deg, 90.0)
     }
+}
+
+/// Refuses a calibration that gives no heading.
+pub(super) fn check_compass(
+    calibration: &CompassCalibration,
+) -> Result<(), (&'static str, String)> {
+    let CompassCalibration {
+        hard,
+        soft: [[a, b], [c, d]],
+        radius,
+        north_deg,
+    } = *calibration;
+    check_positive("compass.calibration.radius", radius)?;
+    check_finite("compass.calibration.hard", &hard)?;
+    check_within("compass.calibration.north_deg", &[north_deg], TURN_DEG)?;
+    check_finite("compass.calibration.soft", &[a, b, c, d])?;
+    if (a * d - b * c).abs() > 1e-3 {
+        return Ok(());
+    }
+    let reason = format!("[[{a}, {b}], [{c}, {d}]] maps all directions to one line");
+    Err(("compass.calibration.soft", reason))
 }
 
 impl TimingCalibration {

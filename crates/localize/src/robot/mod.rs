@@ -14,7 +14,7 @@ mod camera;
 mod exposure;
 mod value_checks;
 
-use calibration::CalibrationFile;
+use calibration::{CalibrationFile, check_compass};
 pub use calibration::{ImuCalibration, OdometryCalibration, TimingCalibration, rotation_from_rpy};
 pub use camera::{CameraConfig, CameraSection};
 pub use exposure::{CameraControl, ExposureSetting};
@@ -331,6 +331,9 @@ impl RobotConfig {
             check_not_negative("compass.noise_deg", compass.noise_deg)?;
             check_not_negative("compass.bias_deg", compass.bias_deg)?;
             check_positive("compass.bias_time", compass.bias_time)?;
+            compass
+                .calibration
+                .map_or(Ok(()), |calibration| check_compass(&calibration))?;
         }
         if let Some(body) = &self.body {
             check_within("body.rod_angles_deg", &body.rod_angles_deg, TURN_DEG)?;
@@ -433,6 +436,36 @@ mod tests {
         assert_eq!(section.camera(), None);
         let camera = section.with_axis([240.0, 239.0], None);
         assert_eq!((camera.forward_deg, camera.flipped), (90.0, true));
+    }
+
+    #[test]
+    fn a_compass_calibration_without_a_heading_is_refused() {
+        let compass = |soft: &str, radius: &str| {
+            load(&format!(
+                "field = \"field.toml\"\n[compass.calibration]\nhard = [3.0, -2.0]\nsoft = {soft}\nradius = {radius}\n"
+            ))
+        };
+        assert!(compass("[[1.0, 0.1], [0.1, 0.9]]", "21.5").is_ok());
+        for (soft, radius, key) in [
+            (
+                "[[1.0, 0.0], [0.0, 1.0]]",
+                "0.0",
+                "compass.calibration.radius",
+            ),
+            (
+                "[[1.0, 0.0], [0.0, 1.0]]",
+                "-20.0",
+                "compass.calibration.radius",
+            ),
+            (
+                "[[1.0, 2.0], [0.5, 1.0]]",
+                "20.0",
+                "compass.calibration.soft",
+            ),
+        ] {
+            let refused = compass(soft, radius).expect_err("refused").to_string();
+            assert!(refused.contains(key), "{refused}");
+        }
     }
 
     #[test]
