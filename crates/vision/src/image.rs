@@ -5,7 +5,7 @@ mod pixel_batch;
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader};
 use localize::input_file;
 
 use crate::error::VisionError;
@@ -265,7 +265,10 @@ impl Image {
             .with_guessed_format()
             .map_err(|error| error.to_string())?
             .into_decoder()
-            .map_err(|error| error.to_string())?;
+            .map_err(|error| match error {
+                ImageError::Unsupported(error) => format!("{error} (expected PNG or JPEG)"),
+                error => error.to_string(),
+            })?;
         let (width, height) = decoder.dimensions();
         if width.max(height) > SIDE_MAX || width as usize * height as usize > PIXELS_MAX {
             return Err(format!(

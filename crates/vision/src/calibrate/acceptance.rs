@@ -26,6 +26,21 @@ pub(super) fn is_doubtful(share: f64, disagreement: Option<Disagreement>) -> boo
     share < DOUBTFUL_SHARE || apart > DOUBTFUL_DISAGREEMENT
 }
 
+/// What is doubtful about a map that is accepted: maps of real robots that are right explain 93 % and more. None if nothing is.
+pub fn doubt(share: f64, disagreement: Option<Disagreement>) -> Option<String> {
+    let halves = disagreement.map_or_else(String::new, |apart| {
+        let centimetres = 100.0 * apart.near;
+        format!(", and halves of the images differ by {centimetres:.1} cm up to 3 m")
+    });
+    is_doubtful(share, disagreement).then(|| {
+        format!(
+            "the map is doubtful: {:.0} % of the line points on the field lie on markings{halves}. Are all images of one camera and \
+             turned alike, and are the sizes in the field file right (`mirrorball doctor --recording` tries others)?",
+            100.0 * share
+        )
+    })
+}
+
 /// Odds that a point lies on a marking.
 pub(super) fn odds(share: f64) -> f64 {
     share / (1.0 - share).max(1e-3)

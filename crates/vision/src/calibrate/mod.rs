@@ -24,6 +24,7 @@ mod strip_edges;
 pub mod strip_target;
 pub mod unknown_mirror;
 
+pub use acceptance::doubt;
 pub use apparent_size::{SizeBin, SizeCalibration, calibrate_sizes};
 pub use colours::{LearnedColours, learn_colours};
 pub use halves::Disagreement;

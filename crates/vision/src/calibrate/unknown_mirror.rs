@@ -339,7 +339,9 @@ impl Attempt<'_> {
             .map(|(name, other)| (name, score(other)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
         match best {
-            Some((name, other)) if odds(other) > BETTER_FIELD_ODDS * odds(own) => {
+            Some((name, other))
+                if other >= SEARCH_SHARE_MIN && odds(other) > BETTER_FIELD_ODDS * odds(own) =>
+            {
                 Err(CalibrationError::WrongField {
                     share_percent: (100.0 * own) as u32,
                     hint: format!("{name} fits better, with {:.0} %", 100.0 * other),

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, ensure};
 use localize::Field;
 use localize::robot::{CameraSection, RobotConfig};
 use vision::calibrate::{
-    ImageResidual, LinesCalibration, NamedImage, calibrate_lines, calibrate_unknown_mirror,
+    ImageResidual, LinesCalibration, NamedImage, calibrate_lines, calibrate_unknown_mirror, doubt,
 };
 
 use super::images::load_drive_images;
@@ -102,6 +102,7 @@ fn calibrate_from_nothing(
             outer_radius_px: found.rim.map(|rim| rim.radius_px),
         }),
         disagreement_m: found.disagreement.map(|apart| [apart.near, apart.far]),
+        warning: doubt(calibration.on_field_share, found.disagreement),
         ..save_calibration(args, &calibration, &images)?
     };
     Ok((outcome, calibration.images))
@@ -118,6 +119,7 @@ fn save_calibration(
     Ok(Outcome {
         rms_m: Some(calibration.rms),
         inlier_share: Some(calibration.inlier_share),
+        warning: doubt(calibration.on_field_share, None),
         ..outcome(&calibration.images, &args.out)
     })
 }

@@ -58,6 +58,9 @@ pub(crate) struct Outcome {
     /// Distance between the maps of two halves of the images, metres: up to 3 m, and 3 to 5 m (lines without an initial map).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) disagreement_m: Option<[f32; 2]>,
+    /// Why the map may be wrong (lines).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) warning: Option<String>,
     /// Estimated mount of the mirror (profile).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) mount: Option<Mount>,
@@ -149,6 +152,7 @@ pub(super) fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
         rms_px: None,
         rms_m: None,
         inlier_share: None,
+        warning: None,
         camera: None,
         disagreement_m: None,
         mount: None,

@@ -57,6 +57,9 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         CalibrateCommand::Imu(args) => return imu::run(args, json),
         CalibrateCommand::Latency(args) => return latency::run(args, json),
     };
+    if let Some(warning) = &outcome.warning {
+        eprintln!("warning: {warning}");
+    }
     if json {
         println!("{}", serde_json::to_string(&outcome)?);
         return Ok(());
