@@ -134,7 +134,7 @@ impl Pipeline {
             last_pose: None,
             notice,
             odometry_calibration: setup.robot.odometry,
-            imu_calibration: setup.robot.imu.as_ref().and_then(|imu| imu.calibration),
+            imu_calibration: setup.imu_calibration(),
             doubt: None,
         })
     }

@@ -52,6 +52,8 @@ pub enum Table {
     Odometry,
     /// compass.csv.
     Compass,
+    /// imu.csv.
+    Imu,
 }
 
 pub(crate) struct RecordedSample {
@@ -196,10 +198,8 @@ impl Recording {
         let kept = events.filter(|event| match event.data {
             RecordedData::Odometry(_) => table != Table::Odometry,
             RecordedData::Compass(_) => table != Table::Compass,
-            RecordedData::Imu(_)
-            | RecordedData::Truth(_)
-            | RecordedData::Image(_)
-            | RecordedData::Points(_) => true,
+            RecordedData::Imu(_) => table != Table::Imu,
+            RecordedData::Truth(_) | RecordedData::Image(_) | RecordedData::Points(_) => true,
         });
         self.events = kept.collect::<Vec<_>>().into_iter();
     }

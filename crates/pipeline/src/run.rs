@@ -224,7 +224,7 @@ impl SingleRobotRun {
             mut recorder,
         } = self;
         let mut statistics = RunStatistics::new(&setup);
-        let mut keyframes = KeyframeCollector::default();
+        let mut keyframes = KeyframeCollector::new(&setup);
         simulation.run(&mut pipeline, |cycle| {
             let cycle = Arc::new(cycle);
             statistics.add_cycle(&cycle, score::cycle_error(&cycle));

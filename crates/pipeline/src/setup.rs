@@ -8,7 +8,7 @@ use localize::Field;
 use localize::config::LocalizeConfig;
 use localize::filter::FilterConfig;
 use localize::map_correction::MapBasis;
-use localize::robot::{CameraConfig, CameraSection, RobotConfig};
+use localize::robot::{CameraConfig, CameraSection, ImuCalibration, RobotConfig};
 use vision::calibrate::mask::load_mask;
 use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
 use vision::optics::map_basis;
@@ -145,6 +145,11 @@ impl Setup {
             (0.0, Some(own)) => own,
             (latency, _) => latency,
         }
+    }
+
+    /// Mounting and errors of the inertial unit. None if they are not calibrated.
+    pub fn imu_calibration(&self) -> Option<ImuCalibration> {
+        self.robot.imu.as_ref().and_then(|imu| imu.calibration)
     }
 
     /// Standard deviation of the map's origin from the robot's centre, per axis, metres: that of robot.toml, else `default`.

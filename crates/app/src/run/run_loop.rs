@@ -37,6 +37,7 @@ use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::sample::{CameraImage, ImageContent, Sample, SettingsChange, SourceImage};
+use pipeline::setup::Setup;
 use pipeline::{Cycle, Pipeline, PipelineConfig};
 use vision::exposure::ExposureCommand;
 
@@ -191,7 +192,7 @@ impl RunLoop {
         let motion_thread = self.start_motion_thread(stop)?;
         status.print_line(&start_message(&self.robot.hardware, self.teleop));
         let exposure = ExposureControl::start(&devices, self.robot.setup.robot.exposure);
-        let mut state = RunState::new();
+        let mut state = RunState::new(&self.robot.setup);
         while !stop.is_raised() && status.elapsed() < self.duration {
             if let Some(event) = events.pop_timeout(EVENT_TIMEOUT) {
                 self.handle_event(event, &mut state, &mut status);
@@ -306,6 +307,7 @@ impl RunLoop {
             DeviceEvent::Image(image) => Sample::Image(state.camera_image(image)),
             DeviceEvent::Odometry(odometry) => Sample::Odometry(odometry),
             DeviceEvent::Command(command) => Sample::Command(command),
+            DeviceEvent::Imu(_) if state.drops_imu => return,
             DeviceEvent::Imu(imu) => Sample::Imu(imu),
             DeviceEvent::Compass(compass) => Sample::Compass(compass),
             DeviceEvent::Health(health) => {
@@ -452,6 +454,7 @@ impl RunLoop {
             return;
         };
         self.pipeline.mark_setup_doubtful(verdict.covariance);
+        state.drops_imu |= verdict.drops_imu;
         status.print_line(&verdict.text);
         self.write_note(&verdict.text);
     }
@@ -519,10 +522,12 @@ struct RunState {
     /// Samples with values that are not finite.
     samples_refused: u64,
     setup_watch: SetupWatch,
+    /// The inertial unit was found to be wrong, so its readings are not used.
+    drops_imu: bool,
 }
 
 impl RunState {
-    fn new() -> Self {
+    fn new(setup: &Setup) -> Self {
         RunState {
             last_cycle: None,
             camera_command: None,
@@ -531,7 +536,8 @@ impl RunState {
             clock_offset_ns: hw::realtime_offset_ns(),
             next_clock_note: hw::now() + CLOCK_NOTE_PERIOD,
             samples_refused: 0,
-            setup_watch: SetupWatch::default(),
+            setup_watch: SetupWatch::new(setup),
+            drops_imu: false,
         }
     }
 

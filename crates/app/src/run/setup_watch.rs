@@ -5,6 +5,7 @@ use std::sync::mpsc::{self, Receiver, SyncSender, TryRecvError};
 use hw::realtime::lower_priority;
 use localize::Stamp;
 use nalgebra::Matrix3;
+use pipeline::recording::Table;
 use pipeline::setup::Setup;
 use pipeline::setup_check::{self, Effort, KeyframeCollector, MeasuredKeyframe, SetupReport};
 use pipeline::{Cycle, PipelineConfig};
@@ -30,8 +31,10 @@ pub(super) struct SetupWatch {
     period: f64,
     /// Checks in a row that doubted the set-up.
     doubts: u32,
-    /// Poses are marked.
+    /// Doubts were told, and poses marked if the doubts say how uncertain they are.
     is_marked: bool,
+    /// The inertial unit was found to be wrong.
+    is_without_imu: bool,
 }
 
 /// A change of what is thought of the set-up.
@@ -40,23 +43,24 @@ pub(super) struct SetupVerdict {
     pub(super) text: String,
     /// Covariance to be added to the poses. Zero: none.
     pub(super) covariance: Matrix3<f32>,
+    /// The inertial unit is not to be used any more.
+    pub(super) drops_imu: bool,
 }
 
-impl Default for SetupWatch {
-    fn default() -> Self {
+impl SetupWatch {
+    pub(super) fn new(setup: &Setup) -> Self {
         SetupWatch {
-            keyframes: KeyframeCollector::default(),
+            keyframes: KeyframeCollector::new(setup),
             checker: None,
             is_checking: false,
             next: None,
             period: PERIOD,
             doubts: 0,
             is_marked: false,
+            is_without_imu: false,
         }
     }
-}
 
-impl SetupWatch {
     /// Adds a cycle.
     pub(super) fn add_cycle(&mut self, cycle: &Cycle) {
         self.keyframes.add_cycle(cycle);
@@ -106,26 +110,32 @@ impl SetupWatch {
     }
 
     fn judge(&mut self, report: &SetupReport) -> Option<SetupVerdict> {
-        let Some(covariance) = report.added_pose_covariance else {
+        if report.warnings.is_empty() {
             self.doubts = 0;
             self.period = (2.0 * self.period).clamp(PERIOD, PERIOD_MAX);
             return std::mem::take(&mut self.is_marked).then(|| SetupVerdict {
                 text: "the set-up is no longer doubtful".to_owned(),
                 covariance: Matrix3::zeros(),
+                drops_imu: false,
             });
-        };
+        }
         self.doubts += 1;
         self.period = if self.doubts < DOUBTS_MIN {
             DOUBTED_PERIOD
         } else {
             PERIOD
         };
-        if self.doubts < DOUBTS_MIN || std::mem::replace(&mut self.is_marked, true) {
+        if self.doubts < DOUBTS_MIN {
             return None;
         }
-        Some(SetupVerdict {
+        // The readings that were seen stay with the keyframes, so a unit that was wrong is found again.
+        let drops_imu = report.unusable.contains(&Table::Imu) && !self.is_without_imu;
+        self.is_without_imu |= drops_imu;
+        let is_told = std::mem::replace(&mut self.is_marked, true) && !drops_imu;
+        (!is_told).then(|| SetupVerdict {
             text: format!("warning: {}", report.warnings.join("; ")),
-            covariance,
+            covariance: report.added_pose_covariance.unwrap_or_default(),
+            drops_imu,
         })
     }
 
@@ -189,6 +199,11 @@ impl Checker {
 mod tests {
     use super::*;
 
+    fn setup() -> Setup {
+        let folder = pipeline::paths::find_resource("config/robots").expect("robots");
+        Setup::load(&folder.join("default.toml"), None).expect("a set-up")
+    }
+
     fn doubt() -> SetupReport {
         SetupReport {
             warnings: vec!["the field file is of another field".to_owned()],
@@ -199,7 +214,7 @@ mod tests {
 
     #[test]
     fn poses_are_marked_after_two_doubts_in_a_row_and_unmarked_by_a_right_check() {
-        let mut watch = SetupWatch::default();
+        let mut watch = SetupWatch::new(&setup());
         assert!(watch.judge(&doubt()).is_none());
         assert!(watch.judge(&SetupReport::default()).is_none());
         assert!(watch.judge(&doubt()).is_none());
@@ -213,12 +228,36 @@ mod tests {
 
     #[test]
     fn right_set_ups_are_checked_less_and_less_often() {
-        let mut watch = SetupWatch::default();
+        let mut watch = SetupWatch::new(&setup());
         for _ in 0..9 {
             watch.judge(&SetupReport::default());
         }
         assert!((watch.period - PERIOD_MAX).abs() < 1e-9);
         watch.judge(&doubt());
         assert!((watch.period - DOUBTED_PERIOD).abs() < 1e-9);
+    }
+
+    #[test]
+    fn doubts_without_an_uncertainty_are_told_once_and_a_wrong_inertial_unit_is_dropped() {
+        let mut watch = SetupWatch::new(&setup());
+        let mut wheels = SetupReport {
+            warnings: vec!["the wheels disagree".to_owned()],
+            ..SetupReport::default()
+        };
+        assert!(watch.judge(&wheels).is_none());
+        let verdict = watch.judge(&wheels).expect("told");
+        assert!(verdict.text.contains("wheels") && !verdict.drops_imu);
+        assert_eq!(verdict.covariance, Matrix3::zeros());
+        assert!(watch.judge(&wheels).is_none(), "told once");
+        wheels
+            .warnings
+            .push("the inertial unit is upside down".to_owned());
+        wheels.unusable.push(Table::Imu);
+        assert!(
+            watch
+                .judge(&wheels)
+                .is_some_and(|verdict| verdict.drops_imu)
+        );
+        assert!(watch.judge(&wheels).is_none(), "dropped once");
     }
 }

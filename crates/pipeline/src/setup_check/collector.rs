@@ -1,11 +1,15 @@
 //! Which cycles of a run become keyframes? Evenly spaced ones, few and small enough to keep for hours.
 
 use localize::math;
+use localize::robot::ImuCalibration;
 use localize::sample::Odometry;
 
+use super::inertial::InertialCollector;
 use super::measurements::{KEYFRAMES_MAX, METRES_PER_RADIAN, METRES_PER_SECOND, SPACING_MIN};
 use super::{MeasuredKeyframe, measurements};
 use crate::cycle::Cycle;
+use crate::sample::Sample;
+use crate::setup::Setup;
 
 /// Largest turn of joined rows of odometry, radians. Their motions then differ in direction by half of it at most.
 const JOINED_TURN_MAX: f32 = 0.05;
@@ -25,10 +29,13 @@ pub struct KeyframeCollector {
     /// Rows of the odometry from which the velocity at an image follows.
     recent: Vec<Odometry>,
     last_cycle: Option<localize::Stamp>,
+    inertial: InertialCollector,
+    imu_calibration: Option<ImuCalibration>,
 }
 
-impl Default for KeyframeCollector {
-    fn default() -> Self {
+impl KeyframeCollector {
+    /// Collects nothing yet.
+    pub fn new(setup: &Setup) -> Self {
         KeyframeCollector {
             keyframes: Vec::new(),
             spacing: SPACING_MIN,
@@ -38,11 +45,11 @@ impl Default for KeyframeCollector {
             last_odometry: None,
             recent: Vec::new(),
             last_cycle: None,
+            inertial: InertialCollector::default(),
+            imu_calibration: setup.imu_calibration(),
         }
     }
-}
 
-impl KeyframeCollector {
     /// Adds a cycle.
     pub fn add_cycle(&mut self, cycle: &Cycle) {
         for row in &cycle.inputs.odometry {
@@ -59,6 +66,17 @@ impl KeyframeCollector {
             self.path += step;
             if let Some(rows) = &mut self.odometry {
                 add_motion(rows, [row.dx, row.dy, row.dtheta]);
+            }
+        }
+        for sample in cycle.inputs.sorted_samples() {
+            match sample {
+                Sample::Odometry(odometry) => self.inertial.add_odometry(&odometry),
+                Sample::Imu(imu) => {
+                    let calibration = self.imu_calibration;
+                    let imu = calibration.map_or(imu, |calibration| calibration.apply(&imu));
+                    self.inertial.add_imu(&imu);
+                }
+                _ => {}
             }
         }
         let unused = measurements::rows_before_velocity(&self.recent, cycle.stamp);
@@ -92,6 +110,7 @@ impl KeyframeCollector {
             odometry: self.odometry.take(),
             compass: cycle.inputs.compass.last().map(|reading| reading.heading),
             velocity: measurements::velocity_at(&self.recent, cycle.stamp),
+            inertial: self.inertial.take_motion(),
         });
         self.odometry = Some(Vec::new());
         self.progress = 0.0;

@@ -6,6 +6,7 @@ use localize::sample::{LinePoint, Odometry};
 use vision::image::Image;
 use vision::process::Vision;
 
+use super::inertial::{InertialCollector, InertialMotion};
 use crate::config::PipelineConfig;
 use crate::recording::{RecordedData, Recording};
 use crate::setup::Setup;
@@ -40,6 +41,8 @@ pub struct MeasuredKeyframe {
     pub compass: Option<f32>,
     /// Motion of the wheels per second about the image: metres, metres, radians.
     pub velocity: Option<[f32; 3]>,
+    /// What the inertial unit measured since the previous keyframe. None without it.
+    pub inertial: Option<InertialMotion>,
 }
 
 /// Time line of a recording before images are read: one entry per image.
@@ -49,6 +52,7 @@ struct TimelineEntry {
     odometry: Option<Vec<[f32; 3]>>,
     compass: Option<f32>,
     velocity: Option<[f32; 3]>,
+    inertial: Option<InertialMotion>,
     /// Motion since the previous image, metres.
     progress: f32,
 }
@@ -59,7 +63,7 @@ pub(super) fn measure(
     setup: &Setup,
     config: &PipelineConfig,
 ) -> Result<Vec<MeasuredKeyframe>> {
-    let entries = select(timeline(recording));
+    let entries = select(timeline(recording, setup));
     let mut vision = match &setup.camera {
         Some((camera, map)) => Some(Vision::with_mask(
             map,
@@ -81,6 +85,7 @@ pub(super) fn measure(
             odometry: entry.odometry,
             compass: entry.compass,
             velocity: entry.velocity,
+            inertial: entry.inertial,
             ..MeasuredKeyframe::default()
         };
         match &recording.remaining_samples()[entry.index].data {
@@ -107,7 +112,9 @@ pub(super) fn measure(
     Ok(keyframes)
 }
 
-fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
+fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
+    let mut inertial = InertialCollector::default();
+    let calibration = setup.imu_calibration();
     let mut entries: Vec<TimelineEntry> = Vec::new();
     let mut rows: Vec<[f32; 3]> = Vec::new();
     let mut last_odometry: Option<Stamp> = None;
@@ -128,6 +135,7 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
                     last_odometry.is_none_or(|last| event.stamp - last <= ODOMETRY_GAP_MAX);
                 last_odometry = Some(event.stamp);
                 rows.push([odometry.dx, odometry.dy, odometry.dtheta]);
+                inertial.add_odometry(odometry);
             }
             RecordedData::Image(_) | RecordedData::Points(_) => {
                 connected &=
@@ -147,12 +155,17 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
                     odometry: connected.then(|| rows.clone()),
                     compass: nearest_reading(&compass, event.stamp),
                     velocity: velocity_at(&motion, event.stamp),
+                    inertial: inertial.take_motion(),
                     progress: moved + METRES_PER_SECOND * seconds.clamp(0.0, 4.0),
                 });
                 rows.clear();
                 connected = true;
             }
-            RecordedData::Compass(_) | RecordedData::Imu(_) | RecordedData::Truth(_) => {}
+            RecordedData::Imu(imu) => {
+                let imu = calibration.map_or(*imu, |calibration| calibration.apply(imu));
+                inertial.add_imu(&imu);
+            }
+            RecordedData::Compass(_) | RecordedData::Truth(_) => {}
         }
     }
     entries
@@ -193,7 +206,7 @@ pub(super) fn wheel_path(rows: Option<&[[f32; 3]]>) -> f32 {
         .sum()
 }
 
-/// Evenly spaced entries; the odometry of those between is joined.
+/// Evenly spaced entries; the motion of those between is joined.
 fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
     let total: f32 = entries.iter().map(|entry| entry.progress).sum();
     let spacing = (total / KEYFRAMES_MAX as f32).max(SPACING_MIN);
@@ -206,6 +219,7 @@ fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
     let connected = path > WHEEL_PATH_MIN;
     let mut selected: Vec<TimelineEntry> = Vec::new();
     let mut skipped: Option<Vec<[f32; 3]>> = Some(Vec::new());
+    let mut skipped_inertial: Option<InertialMotion> = None;
     let mut progress = f32::INFINITY;
     for (position, mut entry) in entries.into_iter().enumerate() {
         progress += entry.progress;
@@ -213,6 +227,7 @@ fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
             all.extend(rows);
             all
         });
+        add_motion(&mut skipped_inertial, entry.inertial.take());
         let due = if connected {
             progress >= spacing
         } else {
@@ -220,6 +235,7 @@ fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
         };
         if due && selected.len() < KEYFRAMES_MAX {
             entry.odometry = skipped.take().filter(|_| !selected.is_empty());
+            entry.inertial = skipped_inertial.take();
             skipped = Some(Vec::new());
             progress = 0.0;
             selected.push(entry);
@@ -228,13 +244,20 @@ fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
     selected
 }
 
-/// Every `stride`-th keyframe, the odometry joined.
+/// Adds what an inertial unit measured to what it measured before.
+fn add_motion(sum: &mut Option<InertialMotion>, more: Option<InertialMotion>) {
+    if let Some(more) = more {
+        *sum.get_or_insert_default() += more;
+    }
+}
+
+/// Every `stride`-th keyframe, the motion between joined.
 pub(super) fn thin_out(measured: &[MeasuredKeyframe], stride: usize) -> Vec<MeasuredKeyframe> {
     measured
         .chunks(stride)
         .scan(
-            Some(Vec::new()),
-            |carried: &mut Option<Vec<[f32; 3]>>, chunk| {
+            (Some(Vec::new()), None),
+            |(carried, inertial): &mut (Option<Vec<[f32; 3]>>, Option<InertialMotion>), chunk| {
                 let first = &chunk[0];
                 let join = |before: Option<Vec<[f32; 3]>>, rows: &Option<Vec<[f32; 3]>>| {
                     before.zip(rows.clone()).map(|(mut all, rows)| {
@@ -246,8 +269,13 @@ pub(super) fn thin_out(measured: &[MeasuredKeyframe], stride: usize) -> Vec<Meas
                 *carried = chunk[1..]
                     .iter()
                     .try_fold(Vec::new(), |all, next| join(Some(all), &next.odometry));
+                let mut motion = inertial.take();
+                add_motion(&mut motion, first.inertial);
+                let rest = chunk[1..].iter();
+                rest.for_each(|next| add_motion(inertial, next.inertial));
                 Some(MeasuredKeyframe {
                     odometry,
+                    inertial: motion,
                     ..first.clone()
                 })
             },

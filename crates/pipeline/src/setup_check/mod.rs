@@ -11,6 +11,7 @@ mod collector;
 mod dead_sensors;
 mod doubts;
 mod field_sizes;
+mod inertial;
 mod latency;
 mod measurements;
 mod motion_search;
@@ -29,6 +30,7 @@ use serde::Serialize;
 
 pub use assess::Effort;
 pub use collector::KeyframeCollector;
+pub use inertial::InertialMotion;
 pub use measurements::MeasuredKeyframe;
 pub use ranges::RangeFinding;
 
@@ -118,6 +120,9 @@ const DOUBT_STD: (f32, f32) = (0.25, 0.1);
 /// Share of compass readings that agree although the range of the column looks like degrees.
 const COMPASS_FINE: f32 = 0.8;
 
+/// Points on markings, and wheels that agree with them, by which an inertial unit can be judged.
+const FIT_FINE: f32 = 0.6;
+
 /// Checks the set-up of a recording.
 pub fn check_recording(
     recording: &Recording,
@@ -135,7 +140,7 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
     let log = LogReader::open(path)?;
     let unpacked = UnpackedSetup::load(log.header())?;
     let config = unpacked.config()?;
-    let mut keyframes = KeyframeCollector::default();
+    let mut keyframes = KeyframeCollector::new(&unpacked.setup);
     for logged in log {
         keyframes.add_cycle(&logged?.cycle);
     }
@@ -216,6 +221,18 @@ pub fn check(
         report.doubt(format!(
             "compass.csv: every reading is {heading:.3}, but the images show turns of the robot: the compass is dead"
         ));
+    }
+    if report
+        .figures
+        .is_some_and(|figures| figures.on_markings > FIT_FINE)
+    {
+        let wheels_agree = configured
+            .wheels_agree()
+            .is_none_or(|share| share > FIT_FINE);
+        if let Some(fault) = inertial::find_fault(measured, configured, wheels_agree) {
+            report.unusable.push(Table::Imu);
+            report.doubt(format!("imu.csv: the inertial unit is not used: {fault}"));
+        }
     }
     let named = |change: fn(&Change) -> bool| {
         let all = assessment.improvements.iter().flatten();
