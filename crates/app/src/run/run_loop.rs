@@ -36,6 +36,7 @@ use pipeline::corrected_map;
 use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
+use pipeline::recording::Table;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SettingsChange, SourceImage};
 use pipeline::setup::Setup;
 use pipeline::{Cycle, Pipeline, PipelineConfig};
@@ -307,7 +308,8 @@ impl RunLoop {
             DeviceEvent::Image(image) => Sample::Image(state.camera_image(image)),
             DeviceEvent::Odometry(odometry) => Sample::Odometry(odometry),
             DeviceEvent::Command(command) => Sample::Command(command),
-            DeviceEvent::Imu(_) if state.drops_imu => return,
+            DeviceEvent::Imu(_) if state.dropped.contains(&Table::Imu) => return,
+            DeviceEvent::Compass(_) if state.dropped.contains(&Table::Compass) => return,
             DeviceEvent::Imu(imu) => Sample::Imu(imu),
             DeviceEvent::Compass(compass) => Sample::Compass(compass),
             DeviceEvent::Health(health) => {
@@ -454,7 +456,7 @@ impl RunLoop {
             return;
         };
         self.pipeline.mark_setup_doubtful(verdict.covariance);
-        state.drops_imu |= verdict.drops_imu;
+        state.dropped.extend(verdict.drops);
         status.print_line(&verdict.text);
         self.write_note(&verdict.text);
     }
@@ -522,8 +524,8 @@ struct RunState {
     /// Samples with values that are not finite.
     samples_refused: u64,
     setup_watch: SetupWatch,
-    /// The inertial unit was found to be wrong, so its readings are not used.
-    drops_imu: bool,
+    /// Sensors that were found to be useless.
+    dropped: Vec<Table>,
 }
 
 impl RunState {
@@ -537,7 +539,7 @@ impl RunState {
             next_clock_note: hw::now() + CLOCK_NOTE_PERIOD,
             samples_refused: 0,
             setup_watch: SetupWatch::new(setup),
-            drops_imu: false,
+            dropped: Vec::new(),
         }
     }
 

@@ -33,8 +33,8 @@ pub(super) struct SetupWatch {
     doubts: u32,
     /// Doubts were told, and poses marked if the doubts say how uncertain they are.
     is_marked: bool,
-    /// The inertial unit was found to be wrong.
-    is_without_imu: bool,
+    /// Sensors that were found to be useless.
+    dropped: Vec<Table>,
 }
 
 /// A change of what is thought of the set-up.
@@ -43,8 +43,8 @@ pub(super) struct SetupVerdict {
     pub(super) text: String,
     /// Covariance to be added to the poses. Zero: none.
     pub(super) covariance: Matrix3<f32>,
-    /// The inertial unit is not to be used any more.
-    pub(super) drops_imu: bool,
+    /// Sensors that are not to be used any more: inertial unit, compass.
+    pub(super) drops: Vec<Table>,
 }
 
 impl SetupWatch {
@@ -57,7 +57,7 @@ impl SetupWatch {
             period: PERIOD,
             doubts: 0,
             is_marked: false,
-            is_without_imu: false,
+            dropped: Vec::new(),
         }
     }
 
@@ -116,7 +116,7 @@ impl SetupWatch {
             return std::mem::take(&mut self.is_marked).then(|| SetupVerdict {
                 text: "the set-up is no longer doubtful".to_owned(),
                 covariance: Matrix3::zeros(),
-                drops_imu: false,
+                drops: Vec::new(),
             });
         }
         self.doubts += 1;
@@ -128,14 +128,17 @@ impl SetupWatch {
         if self.doubts < DOUBTS_MIN {
             return None;
         }
-        // The readings that were seen stay with the keyframes, so a unit that was wrong is found again.
-        let drops_imu = report.unusable.contains(&Table::Imu) && !self.is_without_imu;
-        self.is_without_imu |= drops_imu;
-        let is_told = std::mem::replace(&mut self.is_marked, true) && !drops_imu;
+        // The readings that were seen stay with the keyframes, so a sensor that was wrong is found again.
+        let is_new = |table: &Table| {
+            matches!(table, Table::Imu | Table::Compass) && !self.dropped.contains(table)
+        };
+        let drops: Vec<Table> = report.unusable.iter().copied().filter(is_new).collect();
+        self.dropped.extend(&drops);
+        let is_told = std::mem::replace(&mut self.is_marked, true) && drops.is_empty();
         (!is_told).then(|| SetupVerdict {
             text: format!("warning: {}", report.warnings.join("; ")),
             covariance: report.added_pose_covariance.unwrap_or_default(),
-            drops_imu,
+            drops,
         })
     }
 
@@ -238,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn doubts_without_an_uncertainty_are_told_once_and_a_wrong_inertial_unit_is_dropped() {
+    fn doubts_without_an_uncertainty_are_told_once_and_useless_sensors_are_dropped() {
         let mut watch = SetupWatch::new(&setup());
         let mut wheels = SetupReport {
             warnings: vec!["the wheels disagree".to_owned()],
@@ -246,7 +249,7 @@ mod tests {
         };
         assert!(watch.judge(&wheels).is_none());
         let verdict = watch.judge(&wheels).expect("told");
-        assert!(verdict.text.contains("wheels") && !verdict.drops_imu);
+        assert!(verdict.text.contains("wheels") && verdict.drops.is_empty());
         assert_eq!(verdict.covariance, Matrix3::zeros());
         assert!(watch.judge(&wheels).is_none(), "told once");
         wheels
@@ -256,7 +259,7 @@ mod tests {
         assert!(
             watch
                 .judge(&wheels)
-                .is_some_and(|verdict| verdict.drops_imu)
+                .is_some_and(|verdict| verdict.drops == [Table::Imu])
         );
         assert!(watch.judge(&wheels).is_none(), "dropped once");
     }

@@ -170,8 +170,18 @@ pub fn check(
         return SetupReport::default().with_ranges(&ranges);
     }
     let mut assessment = assess(setup, &config.localize, measured, effort);
-    let dead_compass = dead_sensors::dead_compass(measured, &assessment.configured);
-    if dead_compass.is_some() {
+    // A compass with a known mistake is useful once that is mended.
+    let is_known = |change: &Change| {
+        matches!(
+            change,
+            Change::CompassInDegrees | Change::CompassMirrored(_) | Change::CompassQuarterTurns(_)
+        )
+    };
+    let mut changes = assessment.improvements.iter().flatten();
+    let useless_compass = (!changes.any(|found| is_known(&found.change)))
+        .then(|| dead_sensors::find_useless_compass(measured, &assessment.configured))
+        .flatten();
+    if useless_compass.is_some() {
         let mut without = measured.to_vec();
         without
             .iter_mut()
@@ -216,11 +226,9 @@ pub fn check(
             report.doubt_latency(&other);
         }
     }
-    if let Some(heading) = dead_compass {
+    if let Some(fault) = useless_compass {
         report.unusable.push(Table::Compass);
-        report.doubt(format!(
-            "compass.csv: every reading is {heading:.3}, but the images show turns of the robot: the compass is dead"
-        ));
+        report.doubt(format!("compass.csv: {fault}"));
     }
     if report
         .figures
