@@ -83,13 +83,17 @@ fn agreement_of_turns(measured: &[MeasuredKeyframe], explanation: &Explanation) 
         .array_windows()
         .filter_map(|[before, after]| {
             let (before, after) = ((*before)?, (*after)?);
-            let turn = (after.0 - before.0) - (after.1 - before.1);
-            // Twice the angle is the same after a half turn.
-            Some(0.5 * wrap_angle(2.0 * turn).abs())
+            Some(angle_apart(after.0 - before.0, after.1 - before.1))
         })
         .collect();
     let agree = off.iter().filter(|off| **off < COMPASS_TOLERANCE).count();
     (off.len() >= COMPASS_TURNS_MIN).then(|| agree as f32 / off.len() as f32)
+}
+
+/// Angle between two turns, half turns aside, radians.
+pub(super) fn angle_apart(turn: f32, other: f32) -> f32 {
+    // Twice the angle is the same after a half turn.
+    0.5 * wrap_angle(2.0 * (turn - other)).abs()
 }
 
 /// Deviation from the mean heading that a quarter of the poses exceed, half turns aside, radians.
@@ -101,7 +105,7 @@ fn turn_of_poses(explanation: &Explanation) -> Option<f32> {
     let mean = math::atan2(sum(math::sin), sum(math::cos));
     let mut deviations: Vec<f32> = doubled
         .iter()
-        .map(|angle| 0.5 * wrap_angle(angle - mean).abs())
+        .map(|angle| angle_apart(0.5 * angle, 0.5 * mean))
         .collect();
     deviations.sort_by(f32::total_cmp);
     deviations.get(3 * deviations.len() / 4).copied()

@@ -5,12 +5,12 @@ use std::f32::consts::PI;
 use std::ops::AddAssign;
 
 use localize::Stamp;
-use localize::frames::wrap_angle;
 use localize::math;
 use localize::sample::{Imu, Odometry};
 use localize::setup_check::Explanation;
 
 use super::MeasuredKeyframe;
+use super::dead_sensors::angle_apart;
 
 /// Longest time between readings that belong together, seconds.
 const GAP_MAX: f32 = 0.2;
@@ -240,9 +240,8 @@ fn agreement_of_turns(measured: &[MeasuredKeyframe], explanation: &Explanation) 
         .filter_map(|(keyframe, &[before, after])| {
             let motion = keyframe.inertial?;
             let shown = after?.theta - before?.theta;
-            // Twice the angle is the same after a half turn.
-            let off = 0.5 * wrap_angle(2.0 * (motion.turn - shown)).abs();
-            let turned = motion.turn.abs().max(0.5 * wrap_angle(2.0 * shown).abs());
+            let off = angle_apart(motion.turn, shown);
+            let turned = motion.turn.abs().max(angle_apart(shown, 0.0));
             let (angle, share, bias) = TURN_TOLERANCE;
             (motion.seconds < PAIR_SECONDS_MAX && turned > PAIR_TURN_MIN)
                 .then(|| off < angle + share * motion.turn.abs().min(PI) + bias * motion.seconds)

@@ -1,7 +1,7 @@
 //! Is the set-up right? Tries other fields, camera mounts, compass turns and units on the same measurements.
 //!
 //! `ranges` reads what the tables betray, `measurements` selects keyframes, `assess` compares variants of the set-up
-//! (`variant`, `change`) by `localize::setup_check`. The report has warnings for every run and suggestions for the
+//! (`variant`, `change`) by `localize::setup_check`, `dead_sensors` and `inertial` find sensors that say nothing or lie. The report has warnings for every run and suggestions for the
 //! doctor.
 
 mod assess;
