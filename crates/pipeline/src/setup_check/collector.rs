@@ -4,7 +4,7 @@ use localize::math;
 use localize::robot::ImuCalibration;
 use localize::sample::Odometry;
 
-use super::inertial::InertialCollector;
+use super::inertial_motion::InertialCollector;
 use super::measurements::{KEYFRAMES_MAX, METRES_PER_RADIAN, METRES_PER_SECOND, SPACING_MIN};
 use super::{MeasuredKeyframe, measurements};
 use crate::cycle::Cycle;

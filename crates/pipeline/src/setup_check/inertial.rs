@@ -2,20 +2,13 @@
 //! changes of velocity with the wheels.
 
 use std::f32::consts::PI;
-use std::ops::AddAssign;
 
-use localize::Stamp;
 use localize::math;
-use localize::sample::{Imu, Odometry};
 use localize::setup_check::Explanation;
 
 use super::MeasuredKeyframe;
 use super::dead_sensors::angle_apart;
-
-/// Longest time between readings that belong together, seconds.
-const GAP_MAX: f32 = 0.2;
-/// Time over which wheels and accelerations are averaged, seconds: wheels are too coarse for less.
-const WINDOW: f32 = 0.2;
+use super::inertial_motion::InertialMotion;
 
 /// Readings of fewer seconds are not judged: a robot's own accelerations lean the mean force by up to eight degrees then.
 const SECONDS_MIN: f32 = 3.0;
@@ -31,163 +24,8 @@ const TURN_TOLERANCE: (f32, f32, f32) = (0.08, 0.05, 0.03);
 /// Fewest pairs, and the share of them that agrees at least. Wrong poses spoil a few.
 const PAIRS_MIN: usize = 6;
 const AGREEMENT_MIN: f32 = 0.5;
-/// Fewest changes of velocity, and their least root mean square, m/s.
-const CHANGES_MIN: f32 = 25.0;
-const CHANGE_MIN: f32 = 0.05;
-/// Correlation of the changes of velocity, above which their directions are compared, and the largest angle, degrees.
-const COHERENCE_MIN: f32 = 0.5;
+/// Largest angle between the changes of velocity of unit and wheels, degrees.
 const YAW_MAX_DEG: f32 = 30.0;
-
-/// Sums of what an inertial unit measured between two keyframes, robot frame by its calibration.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct InertialMotion {
-    /// Time with readings, seconds.
-    seconds: f32,
-    /// Turn about the vertical, radians.
-    turn: f32,
-    /// Specific force times time, m/s.
-    force: [f32; 3],
-    changes: VelocityChanges,
-}
-
-/// Sums over changes of velocity of the unit (u) and of the wheels (w), complex numbers of x and y: ū·w, |u|², |w|², count.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct VelocityChanges {
-    product: [f32; 2],
-    inertial: f32,
-    wheels: f32,
-    count: f32,
-}
-
-impl AddAssign for InertialMotion {
-    fn add_assign(&mut self, other: Self) {
-        self.seconds += other.seconds;
-        self.turn += other.turn;
-        for (sum, force) in self.force.iter_mut().zip(other.force) {
-            *sum += force;
-        }
-        let (changes, more) = (&mut self.changes, other.changes);
-        changes.product[0] += more.product[0];
-        changes.product[1] += more.product[1];
-        changes.inertial += more.inertial;
-        changes.wheels += more.wheels;
-        changes.count += more.count;
-    }
-}
-
-/// Sums the readings of a run. Its memory does not grow.
-#[derive(Debug, Clone, Default)]
-pub(super) struct InertialCollector {
-    motion: InertialMotion,
-    last_imu: Option<Stamp>,
-    last_odometry: Option<Stamp>,
-    window: Window,
-    /// Means of the window before.
-    before: Option<WindowMeans>,
-}
-
-/// Sums over a window.
-#[derive(Debug, Clone, Copy, Default)]
-struct Window {
-    /// By the wheels: metres, metres, radians, seconds.
-    moved: [f32; 4],
-    /// By the unit: m/s², and the count.
-    force: [f32; 3],
-}
-
-#[derive(Debug, Clone, Copy)]
-struct WindowMeans {
-    velocity: [f32; 2],
-    force: [f32; 2],
-    turn: f32,
-    seconds: f32,
-}
-
-impl InertialCollector {
-    pub(super) fn add_imu(&mut self, imu: &Imu) {
-        let seconds = self.last_imu.map(|last| (imu.stamp - last) as f32);
-        self.last_imu = Some(imu.stamp);
-        let [fx, fy, _] = imu.specific_force;
-        self.window.force[0] += fx;
-        self.window.force[1] += fy;
-        self.window.force[2] += 1.0;
-        if let Some(seconds) = seconds.filter(|seconds| (0.0..GAP_MAX).contains(seconds)) {
-            self.motion.seconds += seconds;
-            self.motion.turn += seconds * imu.angular_velocity[2];
-            for (sum, force) in self.motion.force.iter_mut().zip(imu.specific_force) {
-                *sum += seconds * force;
-            }
-        }
-    }
-
-    pub(super) fn add_odometry(&mut self, odometry: &Odometry) {
-        let seconds = self
-            .last_odometry
-            .map(|last| (odometry.stamp - last) as f32);
-        self.last_odometry = Some(odometry.stamp);
-        let Some(seconds) = seconds.filter(|seconds| (0.0..GAP_MAX).contains(seconds)) else {
-            (self.window, self.before) = (Window::default(), None);
-            return;
-        };
-        let row = [odometry.dx, odometry.dy, odometry.dtheta, seconds];
-        for (sum, value) in self.window.moved.iter_mut().zip(row) {
-            *sum += value;
-        }
-        if self.window.moved[3] >= WINDOW {
-            let means = std::mem::take(&mut self.window).means();
-            if let (Some(before), Some(means)) = (self.before, means) {
-                self.motion.changes.add(&before, &means);
-            }
-            self.before = means;
-        }
-    }
-
-    /// What was measured since the last call. None without readings.
-    pub(super) fn take_motion(&mut self) -> Option<InertialMotion> {
-        let motion = std::mem::take(&mut self.motion);
-        (motion.seconds > 0.0).then_some(motion)
-    }
-}
-
-impl Window {
-    /// None without readings of the unit.
-    fn means(&self) -> Option<WindowMeans> {
-        let [dx, dy, turn, seconds] = self.moved;
-        let [fx, fy, count] = self.force;
-        (count > 0.0).then(|| WindowMeans {
-            velocity: [dx / seconds, dy / seconds],
-            force: [fx / count, fy / count],
-            turn,
-            seconds,
-        })
-    }
-}
-
-impl VelocityChanges {
-    /// Adds the change between the middles of two windows, in the frame of the first.
-    fn add(&mut self, before: &WindowMeans, after: &WindowMeans) {
-        let (sin, cos) = math::sin_cos(0.5 * (before.turn + after.turn));
-        let turned = |[x, y]: [f32; 2]| [cos * x - sin * y, sin * x + cos * y];
-        let (velocity, force) = (turned(after.velocity), turned(after.force));
-        let seconds = 0.5 * (before.seconds + after.seconds);
-        let [wx, wy] = [0, 1].map(|i| velocity[i] - before.velocity[i]);
-        let [ux, uy] = [0, 1].map(|i| 0.5 * seconds * (before.force[i] + force[i]));
-        self.product[0] += ux * wx + uy * wy;
-        self.product[1] += ux * wy - uy * wx;
-        self.inertial += ux * ux + uy * uy;
-        self.wheels += wx * wx + wy * wy;
-        self.count += 1.0;
-    }
-
-    /// Angle from the unit's changes to those of the wheels, degrees. None if they are few, small or not related.
-    fn angle_deg(&self) -> Option<f32> {
-        let product = math::hypot(self.product[0], self.product[1]);
-        let coherence = product / (self.inertial * self.wheels).sqrt();
-        let moves = self.wheels > self.count * CHANGE_MIN * CHANGE_MIN;
-        (self.count >= CHANGES_MIN && moves && coherence > COHERENCE_MIN)
-            .then(|| math::atan2(self.product[1], self.product[0]).to_degrees())
-    }
-}
 
 /// What is wrong with the inertial unit, if anything is. `explanation`: of the keyframes, without the unit.
 pub(super) fn find_fault(
@@ -253,9 +91,11 @@ fn agreement_of_turns(measured: &[MeasuredKeyframe], explanation: &Explanation) 
 
 #[cfg(test)]
 mod tests {
-    use localize::Pose;
+    use localize::sample::{Imu, Odometry};
     use localize::setup_check::KeyframeFit;
+    use localize::{Pose, Stamp};
 
+    use super::super::inertial_motion::InertialCollector;
     use super::*;
 
     /// A drive of 30 s that turns and accelerates; `unit` changes the readings.

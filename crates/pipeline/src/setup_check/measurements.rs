@@ -6,7 +6,7 @@ use localize::sample::{LinePoint, Odometry};
 use vision::image::Image;
 use vision::process::Vision;
 
-use super::inertial::{InertialCollector, InertialMotion};
+use super::inertial_motion::{InertialCollector, InertialMotion};
 use crate::config::PipelineConfig;
 use crate::recording::{RecordedData, Recording};
 use crate::setup::Setup;

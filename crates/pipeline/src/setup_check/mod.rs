@@ -12,6 +12,7 @@ mod dead_sensors;
 mod doubts;
 mod field_sizes;
 mod inertial;
+mod inertial_motion;
 mod latency;
 mod measurements;
 mod motion_search;
@@ -30,7 +31,7 @@ use serde::Serialize;
 
 pub use assess::Effort;
 pub use collector::KeyframeCollector;
-pub use inertial::InertialMotion;
+pub use inertial_motion::InertialMotion;
 pub use measurements::MeasuredKeyframe;
 pub use ranges::RangeFinding;
 
