@@ -19,7 +19,7 @@ const PERIOD: f64 = 10.0;
 /// The same after a first doubt, seconds.
 const DOUBTED_PERIOD: f64 = 3.0;
 const PERIOD_MAX: f64 = 300.0;
-/// Checks in a row that have to doubt the set-up before its poses are marked.
+/// Checks in a row that have to doubt the set-up before it is reported, and its poses before they are marked.
 const DOUBTS_MIN: u32 = 2;
 
 /// Checks the set-up again and again.
@@ -31,8 +31,8 @@ pub(super) struct SetupWatch {
     period: f64,
     /// Checks in a row that doubted the set-up.
     doubts: u32,
-    /// Doubts were told, and poses marked if the doubts say how uncertain they are.
-    is_marked: bool,
+    /// Checks in a row that doubted its poses.
+    pose_doubts: u32,
     /// Sensors that were found to be useless.
     dropped: Vec<Table>,
 }
@@ -56,7 +56,7 @@ impl SetupWatch {
             next: None,
             period: PERIOD,
             doubts: 0,
-            is_marked: false,
+            pose_doubts: 0,
             dropped: Vec::new(),
         }
     }
@@ -110,36 +110,43 @@ impl SetupWatch {
     }
 
     fn judge(&mut self, report: &SetupReport) -> Option<SetupVerdict> {
-        if report.warnings.is_empty() {
-            self.doubts = 0;
-            self.period = (2.0 * self.period).clamp(PERIOD, PERIOD_MAX);
-            return std::mem::take(&mut self.is_marked).then(|| SetupVerdict {
-                text: "the set-up is no longer doubtful".to_owned(),
-                covariance: Matrix3::zeros(),
-                drops: Vec::new(),
-            });
-        }
-        self.doubts += 1;
-        self.period = if self.doubts < DOUBTS_MIN {
-            DOUBTED_PERIOD
-        } else {
-            PERIOD
+        let before = (self.is_reported(), self.is_marked());
+        let count = |doubts: u32, is_doubtful: bool| if is_doubtful { doubts + 1 } else { 0 };
+        self.doubts = count(self.doubts, !report.warnings.is_empty());
+        self.pose_doubts = count(self.pose_doubts, report.added_pose_covariance.is_some());
+        self.period = match self.doubts {
+            0 => (2.0 * self.period).clamp(PERIOD, PERIOD_MAX),
+            1..DOUBTS_MIN => DOUBTED_PERIOD,
+            _ => PERIOD,
         };
-        if self.doubts < DOUBTS_MIN {
-            return None;
-        }
-        // The readings that were seen stay with the keyframes, so a sensor that was wrong is found again.
+        // Keyframes keep the readings of a dropped sensor, so later checks name it again.
         let is_new = |table: &Table| {
             matches!(table, Table::Imu | Table::Compass) && !self.dropped.contains(table)
         };
-        let drops: Vec<Table> = report.unusable.iter().copied().filter(is_new).collect();
+        let unusable = report.unusable.iter().copied();
+        let drops: Vec<Table> = unusable
+            .filter(|it| self.is_reported() && is_new(it))
+            .collect();
         self.dropped.extend(&drops);
-        let is_told = std::mem::replace(&mut self.is_marked, true) && drops.is_empty();
-        (!is_told).then(|| SetupVerdict {
-            text: format!("warning: {}", report.warnings.join("; ")),
-            covariance: report.added_pose_covariance.unwrap_or_default(),
+        let is_changed = before != (self.is_reported(), self.is_marked()) || !drops.is_empty();
+        let covariance = report.added_pose_covariance.filter(|_| self.is_marked());
+        is_changed.then(|| SetupVerdict {
+            text: if self.is_reported() {
+                format!("warning: {}", report.warnings.join("; "))
+            } else {
+                "the set-up is no longer doubtful".to_owned()
+            },
+            covariance: covariance.unwrap_or_default(),
             drops,
         })
+    }
+
+    fn is_reported(&self) -> bool {
+        self.doubts >= DOUBTS_MIN
+    }
+
+    fn is_marked(&self) -> bool {
+        self.pose_doubts >= DOUBTS_MIN
     }
 
     /// Checks once more, by all that was seen. Returns a sentence per doubt.
@@ -241,17 +248,17 @@ mod tests {
     }
 
     #[test]
-    fn doubts_without_an_uncertainty_are_told_once_and_useless_sensors_are_dropped() {
+    fn doubts_without_a_covariance_are_reported_once_and_useless_sensors_are_dropped() {
         let mut watch = SetupWatch::new(&setup());
         let mut wheels = SetupReport {
             warnings: vec!["the wheels disagree".to_owned()],
             ..SetupReport::default()
         };
         assert!(watch.judge(&wheels).is_none());
-        let verdict = watch.judge(&wheels).expect("told");
+        let verdict = watch.judge(&wheels).expect("a report");
         assert!(verdict.text.contains("wheels") && verdict.drops.is_empty());
         assert_eq!(verdict.covariance, Matrix3::zeros());
-        assert!(watch.judge(&wheels).is_none(), "told once");
+        assert!(watch.judge(&wheels).is_none(), "reported once");
         wheels
             .warnings
             .push("the inertial unit is upside down".to_owned());
@@ -262,5 +269,23 @@ mod tests {
                 .is_some_and(|verdict| verdict.drops == [Table::Imu])
         );
         assert!(watch.judge(&wheels).is_none(), "dropped once");
+    }
+
+    #[test]
+    fn poses_are_unmarked_when_only_doubts_without_a_covariance_remain() {
+        let mut watch = SetupWatch::new(&setup());
+        watch.judge(&doubt());
+        assert!(
+            watch
+                .judge(&doubt())
+                .is_some_and(|verdict| verdict.covariance != Matrix3::zeros())
+        );
+        let wheels = SetupReport {
+            added_pose_covariance: None,
+            ..doubt()
+        };
+        let verdict = watch.judge(&wheels).expect("unmarked");
+        assert_eq!(verdict.covariance, Matrix3::zeros());
+        assert!(watch.judge(&wheels).is_none());
     }
 }
