@@ -55,6 +55,14 @@ pub(super) struct Assessment {
     pub(super) fits_no_better_than_random: bool,
 }
 
+impl Assessment {
+    /// Explanation with all changes made.
+    pub(super) fn explained(&self) -> &Explanation {
+        let last = self.improvements.last().and_then(|last| last.first());
+        last.map_or(&self.configured, |best| &best.explanation)
+    }
+}
+
 /// Share of what a change affects that a firm one explains.
 const FIRM_MIN: f32 = 0.85;
 /// Most changes on top of each other.

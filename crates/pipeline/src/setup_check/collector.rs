@@ -30,7 +30,7 @@ pub struct KeyframeCollector {
     recent: Vec<Odometry>,
     last_cycle: Option<localize::Stamp>,
     inertial: InertialCollector,
-    imu_calibration: Option<ImuCalibration>,
+    imu_calibration: ImuCalibration,
 }
 
 impl KeyframeCollector {
@@ -46,7 +46,7 @@ impl KeyframeCollector {
             recent: Vec::new(),
             last_cycle: None,
             inertial: InertialCollector::default(),
-            imu_calibration: setup.imu_calibration(),
+            imu_calibration: setup.imu_calibration().unwrap_or_default(),
         }
     }
 
@@ -71,11 +71,7 @@ impl KeyframeCollector {
         for sample in cycle.inputs.sorted_samples() {
             match sample {
                 Sample::Odometry(odometry) => self.inertial.add_odometry(&odometry),
-                Sample::Imu(imu) => {
-                    let calibration = self.imu_calibration;
-                    let imu = calibration.map_or(imu, |calibration| calibration.apply(&imu));
-                    self.inertial.add_imu(&imu);
-                }
+                Sample::Imu(imu) => self.inertial.add_imu(&self.imu_calibration.apply(&imu)),
                 _ => {}
             }
         }

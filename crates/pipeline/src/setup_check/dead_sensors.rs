@@ -13,6 +13,8 @@ const PATH_MIN: f32 = 0.4;
 /// Least deviation of a quarter of the poses from their mean heading, radians, if the robot turns.
 const TURN_MIN: f32 = 0.12;
 
+/// Share of points on markings, and of wheels that agree, above which their poses can contradict another sensor.
+pub(super) const FIT_FINE: f32 = 0.6;
 /// Fewest turns of the compass that are judged, their tolerance (radians; readings at random agree by a third), and the share
 /// of them that agrees at least. A compass turned, mirrored or in degrees is named by the search of set-ups.
 const COMPASS_TURNS_MIN: usize = 10;
@@ -61,6 +63,9 @@ pub(super) fn find_useless_compass(
         return Some(format!(
             "every reading is {first:.3}, but the images show turns of the robot: the compass is dead"
         ));
+    }
+    if explanation.on_markings() < FIT_FINE {
+        return None;
     }
     let share = agreement_of_turns(measured, explanation)?;
     (share < COMPASS_AGREEMENT_MIN).then(|| {

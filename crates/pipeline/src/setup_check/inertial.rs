@@ -57,7 +57,7 @@ pub(super) fn find_fault(
         && share < AGREEMENT_MIN
     {
         return Some(format!(
-            "it agrees with {:.0} % of the turns that the images show: a wrong sign, axis or unit of its rates",
+            "it agrees with {:.0} % of the turns that the images show: a wrong sign, axis or unit of its rates, or a wrong `flipped` of the camera",
             100.0 * share
         ));
     }

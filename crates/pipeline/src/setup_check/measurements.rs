@@ -114,7 +114,7 @@ pub(super) fn measure(
 
 fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
     let mut inertial = InertialCollector::default();
-    let calibration = setup.imu_calibration();
+    let calibration = setup.imu_calibration().unwrap_or_default();
     let mut entries: Vec<TimelineEntry> = Vec::new();
     let mut rows: Vec<[f32; 3]> = Vec::new();
     let mut last_odometry: Option<Stamp> = None;
@@ -161,10 +161,7 @@ fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
                 rows.clear();
                 connected = true;
             }
-            RecordedData::Imu(imu) => {
-                let imu = calibration.map_or(*imu, |calibration| calibration.apply(imu));
-                inertial.add_imu(&imu);
-            }
+            RecordedData::Imu(imu) => inertial.add_imu(&calibration.apply(imu)),
             RecordedData::Compass(_) | RecordedData::Truth(_) => {}
         }
     }

@@ -41,6 +41,7 @@ use crate::recording::{Recording, Table};
 use crate::setup::Setup;
 use assess::{Assessment, assess, compass_agreement_in_degrees};
 use change::Change;
+use dead_sensors::FIT_FINE;
 use variant::SetupVariant;
 
 /// How well the set-up explains its measurements.
@@ -121,9 +122,6 @@ const DOUBT_STD: (f32, f32) = (0.25, 0.1);
 /// Share of compass readings that agree although the range of the column looks like degrees.
 const COMPASS_FINE: f32 = 0.8;
 
-/// Points on markings, and wheels that agree with them, by which an inertial unit can be judged.
-const FIT_FINE: f32 = 0.6;
-
 /// Checks the set-up of a recording.
 pub fn check_recording(
     recording: &Recording,
@@ -180,7 +178,7 @@ pub fn check(
     };
     let mut changes = assessment.improvements.iter().flatten();
     let useless_compass = (!changes.any(|found| is_known(&found.change)))
-        .then(|| dead_sensors::find_useless_compass(measured, &assessment.configured))
+        .then(|| dead_sensors::find_useless_compass(measured, assessment.explained()))
         .flatten();
     if useless_compass.is_some() {
         let mut without = measured.to_vec();
@@ -215,8 +213,7 @@ pub fn check(
             100.0 * configured.on_markings()
         ));
     }
-    let last = assessment.improvements.last().and_then(|last| last.first());
-    let explained = last.map_or(configured, |best| &best.explanation);
+    let explained = assessment.explained();
     report.add_doubts(&assessment, explained, path_of_poses.flatten(), &ranges);
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
     // Another mistake contradicts the wheels' steps, too; and a latency that is estimated while driving needs no edit.
@@ -231,14 +228,11 @@ pub fn check(
         report.unusable.push(Table::Compass);
         report.doubt(format!("compass.csv: {fault}"));
     }
-    if report
-        .figures
-        .is_some_and(|figures| figures.on_markings > FIT_FINE)
-    {
-        let wheels_agree = configured
+    if explained.on_markings() > FIT_FINE {
+        let wheels_agree = explained
             .wheels_agree()
             .is_none_or(|share| share > FIT_FINE);
-        if let Some(fault) = inertial::find_fault(measured, configured, wheels_agree) {
+        if let Some(fault) = inertial::find_fault(measured, explained, wheels_agree) {
             report.unusable.push(Table::Imu);
             report.doubt(format!("imu.csv: the inertial unit is not used: {fault}"));
         }
