@@ -55,6 +55,22 @@ pub struct LightSpot {
     pub gloss: f32,
 }
 
+/// Largest level of light, and strength of a spot, relative to the usual light.
+const LEVEL_MAX: f32 = 1000.0;
+/// Largest coordinate and radius of a spot, metres.
+const SPOT_COORDINATE_MAX: f32 = 1000.0;
+
+impl LightSpot {
+    fn is_sound(&self) -> bool {
+        let far = |value: f32| !(value.abs() <= SPOT_COORDINATE_MAX);
+        !far(self.x)
+            && !far(self.y)
+            && (1e-3..=SPOT_COORDINATE_MAX).contains(&self.radius)
+            && self.strength.abs() <= LEVEL_MAX
+            && (0.0..=LEVEL_MAX).contains(&self.gloss)
+    }
+}
+
 impl LightConfig {
     /// The level at a time.
     pub fn level_at(&self, time: f64) -> f32 {
@@ -84,32 +100,31 @@ impl LightConfig {
     }
 
     pub(crate) fn check(&self) -> Result<(), (String, String)> {
-        let level_ok = |level: f32| level.is_finite() && level >= 0.0;
+        let level_ok = |level: f32| (0.0..=LEVEL_MAX).contains(&level);
         let keys_ok = self.keyframes.iter().all(|key| level_ok(key.level));
         if !level_ok(self.level) || !keys_ok || !self.colour.iter().all(|&part| level_ok(part)) {
             return Err((
                 "level".to_owned(),
-                "invalid level (expected numbers of at least 0)".to_owned(),
+                format!("invalid level (expected numbers from 0 to {LEVEL_MAX})"),
             ));
         }
         if self
             .keyframes
             .windows(2)
             .any(|pair| !(pair[0].time < pair[1].time))
+            || !self.keyframes.iter().all(|key| key.time.is_finite())
         {
             return Err((
                 "keyframes".to_owned(),
                 "invalid order (expected increasing times)".to_owned(),
             ));
         }
-        if self
-            .spots
-            .iter()
-            .any(|spot| !(spot.radius > 0.0 && spot.gloss >= 0.0))
-        {
+        if self.spots.iter().any(|spot| !spot.is_sound()) {
             return Err((
                 "spots".to_owned(),
-                "invalid spot (expected radius above 0, gloss of at least 0)".to_owned(),
+                format!(
+                    "invalid spot (expected coordinates up to {SPOT_COORDINATE_MAX}, radius above 0 to {SPOT_COORDINATE_MAX}, strength and gloss up to {LEVEL_MAX}, gloss of at least 0)"
+                ),
             ));
         }
         Ok(())

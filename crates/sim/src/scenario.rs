@@ -1,5 +1,6 @@
 //! What happens in a simulation? A scenario read from TOML; its paths are relative to the file.
 
+mod bounds;
 mod load;
 
 use std::path::PathBuf;

@@ -99,13 +99,13 @@ impl ImageSensorConfig {
                 format!("invalid value: {value} (expected {expected})"),
             ))
         };
-        for (key, value) in [
-            ("exposure", self.exposure),
-            ("gain", self.gain),
-            ("full_well", self.full_well),
+        for (key, value, [least, most]) in [
+            ("exposure", self.exposure, [1e-6, 1e4]),
+            ("gain", self.gain, [1e-3, 1e4]),
+            ("full_well", self.full_well, [1.0, 1e9]),
         ] {
-            if !(value.is_finite() && value > 0.0) {
-                return refuse(key, value, "a number above 0");
+            if !(least..=most).contains(&value) {
+                return refuse(key, value, &format!("{least} to {most}"));
             }
         }
         if !(self.blur_px > 0.0 && self.blur_px <= 20.0) {
