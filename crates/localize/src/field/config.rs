@@ -1,10 +1,11 @@
 //! The field file and the check of its sizes.
 
-use std::path::PathBuf;
-
 use serde::{Deserialize, Serialize};
 
 use crate::toml_file::TomlFileError;
+
+/// Most additional lines, and arcs. The time of a start grows with them: 20,000 lines would take nine seconds.
+const EXTRA_MARKINGS_MAX: usize = 500;
 
 /// Content of a field's TOML file. Lengths in metres; 0 leaves a marking out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -148,11 +149,11 @@ pub enum FieldError {
         /// What is wrong with it.
         reason: &'static str,
     },
-    /// Like `InvalidSize`, with the file's name.
-    #[error("{}: {source}", path.display())]
+    /// Like `InvalidSize`, with its place.
+    #[error("{place}: {source}")]
     InFile {
-        /// The file.
-        path: PathBuf,
+        /// The file, and the line if known.
+        place: String,
         /// The invalid size.
         source: Box<FieldError>,
     },
@@ -215,6 +216,15 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
         }
         if value > limit {
             return invalid_size(key, value, reason);
+        }
+    }
+    for (key, markings) in [
+        ("extra_lines", config.extra_lines.len()),
+        ("extra_arcs", config.extra_arcs.len()),
+    ] {
+        if markings > EXTRA_MARKINGS_MAX {
+            let reason = "is the count of markings (expected at most 500)";
+            return invalid_size(key, markings as f32, reason);
         }
     }
     if config.line_width > config.width / 4.0 {

@@ -9,6 +9,7 @@ use std::path::Path;
 use crate::frames::{At, FieldFrame};
 use crate::math;
 use crate::toml_file;
+use crate::toml_location::key_location;
 
 pub use config::{Area, FieldConfig, FieldError, GoalColour, GoalConfig, MeasuredTo};
 
@@ -71,9 +72,12 @@ pub struct Field {
 impl Field {
     /// Reads and checks a field file.
     pub fn load(path: &Path) -> Result<Self, FieldError> {
-        let (config, _) = toml_file::read(path)?;
+        let (config, text) = toml_file::read(path)?;
         Field::new(config).map_err(|source| FieldError::InFile {
-            path: path.to_owned(),
+            place: match &source {
+                FieldError::InvalidSize { key, .. } => key_location(path, &text, key),
+                _ => path.display().to_string(),
+            },
             source: Box::new(source),
         })
     }
@@ -273,6 +277,32 @@ pub(crate) mod tests {
             goal = {{ width = 2.0, height = 1.0, depth = 0.6, post = 0.125, colours = ["white", "white"] }}"#
         );
         Field::new(toml::from_str(&text).expect("a field")).expect("a field")
+    }
+
+    #[test]
+    fn refused_size_is_named_with_its_line_and_markings_are_limited() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("field.toml");
+        let refused = |text: &str| {
+            std::fs::write(&path, text).expect("written");
+            Field::load(&path).expect_err("refused").to_string()
+        };
+        let sizes = "length = 18.0\nwidth = 12.0\nline_width = 0.125\nborder = 1.0\n";
+        let message = refused(&sizes.replace("12.0", "-12.0"));
+        assert!(
+            message.contains("field.toml: line 2: width = -12"),
+            "{message}"
+        );
+        let message = refused(&format!(
+            "{sizes}goal_area = {{ depth = 0.5, width = 30.0 }}\n"
+        ));
+        assert!(
+            message.contains("line 5: goal_area.width = 30"),
+            "{message}"
+        );
+        let lines = "[1.0, 0.0, 2.0, 0.0],".repeat(501);
+        let message = refused(&format!("{sizes}extra_lines = [{lines}]\n"));
+        assert!(message.contains("line 5: extra_lines = 501"), "{message}");
     }
 
     fn has_line(field: &Field, x0: f32, y0: f32, x1: f32, y1: f32) -> bool {
