@@ -1,10 +1,11 @@
 //! Which devices does this robot have, and on which ports? hardware.toml, next to robot.toml.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use localize::toml_file::{self, TomlFileError};
+use localize::toml_location::key_location;
 
 use crate::error::HwError;
 
@@ -189,10 +190,10 @@ pub enum HardwareConfigError {
     #[error(transparent)]
     File(#[from] TomlFileError),
     /// An invalid value.
-    #[error("{}: {source}", path.display())]
+    #[error("{place}: {source}")]
     Value {
-        /// The file.
-        path: PathBuf,
+        /// The file, and the line if the key has one.
+        place: String,
         /// Key and reason.
         source: HwError,
     },
@@ -201,10 +202,13 @@ pub enum HardwareConfigError {
 impl HardwareConfig {
     /// Reads and checks a hardware file.
     pub fn load(path: &Path) -> Result<Self, HardwareConfigError> {
-        let (config, _): (HardwareConfig, _) = toml_file::read(path)?;
+        let (config, text): (HardwareConfig, _) = toml_file::read(path)?;
         let config = config.resolve_relative_paths(path.parent().unwrap_or(Path::new("")));
-        let value = |source| HardwareConfigError::Value {
-            path: path.to_owned(),
+        let value = |source: HwError| HardwareConfigError::Value {
+            place: match &source {
+                HwError::Config { key, .. } => key_location(path, &text, key),
+                _ => path.display().to_string(),
+            },
             source,
         };
         config.check().map_err(value)?;
@@ -319,7 +323,9 @@ mod tests {
     fn command_age_max_above_100_ms_is_rejected() {
         let text = "[base]\nbus = \"board\"\nport = \"p\"\ncommand_age_max = 0.2\n";
         let message = load(text).expect_err("an error").to_string();
-        assert!(message.contains("hardware.toml") && message.contains("base.command_age_max"));
+        assert!(
+            message.contains("hardware.toml: line ") && message.contains("base.command_age_max")
+        );
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The robot's description, robot.toml: camera, mirror or map, field, base and sensors.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -18,7 +19,7 @@ use calibration::{CalibrationFile, check_compass};
 pub use calibration::{ImuCalibration, OdometryCalibration, TimingCalibration, rotation_from_rpy};
 pub use camera::{CameraConfig, CameraSection};
 pub use exposure::{CameraControl, ExposureSetting};
-use value_checks::{TURN_DEG, check_finite, check_not_negative, check_positive, check_within};
+use value_checks::{TURN_DEG, check_not_negative, check_positive, check_range, check_within};
 
 /// Height of the viewpoint if no mirror profile is known, metres: the mirror's surface at half its radius.
 ///
@@ -241,6 +242,16 @@ impl Default for BodyConfig {
     }
 }
 
+/// Where the mirror's axis meets the image, pixels: within the largest image, or as far beside it.
+const CENTRE_PX: RangeInclusive<f32> = -8192.0..=16384.0;
+/// Focal length, and radius of the mirror's rim, of any camera, pixels.
+const FOCAL_PX: RangeInclusive<f32> = 1.0..=100_000.0;
+const RIM_PX: RangeInclusive<f32> = 1.0..=16384.0;
+/// Height of a camera, metres.
+const CAMERA_HEIGHT: RangeInclusive<f32> = 0.01..=20.0;
+/// Samples per second of a simulated sensor.
+const SENSOR_RATE_HZ: RangeInclusive<f32> = 0.01..=10_000.0;
+
 /// Why a robot file cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotConfigError {
@@ -296,14 +307,16 @@ impl RobotConfig {
                     format!("the image has {size}: both sides between 2 and 8192"),
                 ));
             }
-            check_finite("camera.centre_px", &camera.centre_px.unwrap_or([0.0; 2]))?;
+            for centre in camera.centre_px.unwrap_or_default() {
+                check_range("camera.centre_px", centre, CENTRE_PX)?;
+            }
             check_within("camera.forward_deg", &[camera.forward_deg], TURN_DEG)?;
-            for (key, value) in [
-                ("camera.focal_px", camera.focal_px),
-                ("camera.height", camera.height),
-                ("camera.outer_radius_px", camera.outer_radius_px),
+            for (key, value, range) in [
+                ("camera.focal_px", camera.focal_px, FOCAL_PX),
+                ("camera.height", camera.height, CAMERA_HEIGHT),
+                ("camera.outer_radius_px", camera.outer_radius_px, RIM_PX),
             ] {
-                check_positive(key, value.unwrap_or(1.0))?;
+                value.map_or(Ok(()), |value| check_range(key, value, range))?;
             }
         }
         if let Some(origin_std) = self.map.as_ref().and_then(|map| map.origin_std) {
@@ -316,7 +329,7 @@ impl RobotConfig {
             base.check()?;
         }
         if let Some(imu) = &self.imu {
-            check_positive("imu.rate_hz", imu.rate_hz)?;
+            check_range("imu.rate_hz", imu.rate_hz, SENSOR_RATE_HZ)?;
             check_not_negative("imu.acceleration_noise", imu.acceleration_noise)?;
             check_not_negative("imu.acceleration_bias", imu.acceleration_bias)?;
             check_not_negative("imu.rate_noise_deg", imu.rate_noise_deg)?;
@@ -327,7 +340,7 @@ impl RobotConfig {
         self.odometry.map_or(Ok(()), |odometry| odometry.check())?;
         self.timing.map_or(Ok(()), |timing| timing.check())?;
         if let Some(compass) = &self.compass {
-            check_positive("compass.rate_hz", compass.rate_hz)?;
+            check_range("compass.rate_hz", compass.rate_hz, SENSOR_RATE_HZ)?;
             check_not_negative("compass.noise_deg", compass.noise_deg)?;
             check_not_negative("compass.bias_deg", compass.bias_deg)?;
             check_positive("compass.bias_time", compass.bias_time)?;
@@ -427,6 +440,25 @@ mod tests {
         let path = folder.path().join("robot.toml");
         std::fs::write(&path, text).expect("written");
         RobotConfig::load(&path)
+    }
+
+    #[test]
+    fn numbers_that_no_camera_has_are_refused_with_their_line() {
+        for line in [
+            "focal_px = 1e30",
+            "height = 1e30",
+            "outer_radius_px = 1e-30",
+            "centre_px = [238.9, 1e30]",
+        ] {
+            let text = format!(
+                "field = \"field.toml\"\n[camera]\nwidth_px = 480\nheight_px = 480\n{line}\n"
+            );
+            let message = load(&text).expect_err("refused").to_string();
+            assert!(
+                message.contains("line 5: camera.") && message.contains("(expected "),
+                "{message}"
+            );
+        }
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Which values of a robot file are refused? Each check returns the key and the reason.
 
+use std::ops::RangeInclusive;
+
 /// Largest angle of a direction in either sense, degrees.
 pub(super) const TURN_DEG: f32 = 360.0;
 
@@ -30,6 +32,18 @@ pub(super) fn check_within(
         Some(value) => Err((key, format!("{value} (expected -{limit} to {limit})"))),
         None => Ok(()),
     }
+}
+
+pub(super) fn check_range(
+    key: &'static str,
+    value: f32,
+    range: RangeInclusive<f32>,
+) -> Result<(), (&'static str, String)> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let (least, most) = range.into_inner();
+    Err((key, format!("{value} (expected {least} to {most})")))
 }
 
 pub(super) fn check_finite(
