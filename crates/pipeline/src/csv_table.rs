@@ -47,6 +47,15 @@ impl CsvTable {
             .iter()
             .map(|name| name.trim_start_matches('\u{feff}').to_owned())
             .collect();
+        for (index, name) in columns.iter().enumerate() {
+            // Columns are read by name: which of the two is meant is unknown.
+            ensure!(
+                name.is_empty() || !columns[..index].contains(name),
+                "{}: the column {name} is there twice (found {})",
+                location(0),
+                columns.join(",")
+            );
+        }
         for name in required {
             if !columns.iter().any(|column| column == name) {
                 bail!(
@@ -128,6 +137,14 @@ impl<'a> CsvRow<'a> {
             self.location()
         );
         Ok(value)
+    }
+
+    /// The field as a finite number. None without the column, or if the field is empty.
+    pub fn optional_number(&self, column: &str) -> Result<Option<f64>> {
+        match self.text(column) {
+            Err(_) | Ok("") => Ok(None),
+            Ok(_) => self.number(column).map(Some),
+        }
     }
 
     /// File and line, for error messages.
@@ -237,6 +254,15 @@ mod tests {
     }
 
     #[test]
+    fn column_that_is_there_twice_is_refused() {
+        let (_folder, path) = file("# drive\nstamp_s, dx_m,dx_m\n0.0,0.1,0.2\n");
+        let read = CsvTable::read(&path, &["stamp_s"]);
+        let message = read.err().expect("twice").to_string();
+        let wanted = "line 2: the column dx_m is there twice (found stamp_s,dx_m,dx_m)";
+        assert!(message.ends_with(wanted), "{message}");
+    }
+
+    #[test]
     fn quotation_mark_that_swallows_rows_is_reported_with_its_line() {
         for (text, line) in [
             ("stamp_s,file\n0.0,a.png\n0.1,\"b.png\n0.2,c.png\n", 3),
@@ -275,6 +301,18 @@ mod tests {
             message.ends_with("line 2: dx_m = 1e300 is too large a number"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn optional_number_may_be_absent_but_is_a_number() {
+        let (_folder, path) = file("stamp_s,range_m\n0.0,1.5\n0.1,\n0.2,far\n");
+        let table = CsvTable::read(&path, &["stamp_s"]).expect("a table");
+        let read = |column: &str| -> Vec<Option<f64>> {
+            let numbers = table.rows().map(|row| row.optional_number(column));
+            numbers.map_while(Result::ok).collect()
+        };
+        assert_eq!(read("range_m"), [Some(1.5), None]);
+        assert_eq!(read("size_m"), [None; 3]);
     }
 
     #[test]

@@ -83,6 +83,21 @@ impl RecordedData {
     }
 }
 
+/// Names of the files that a recording is read from. Results must have other names.
+pub const INPUT_FILES: [&str; 11] = [
+    "robot.toml",
+    "field.toml",
+    "frames.csv",
+    "points.csv",
+    "odometry.csv",
+    "imu.csv",
+    "compass.csv",
+    "magnetometer.csv",
+    "truth.csv",
+    "objects.csv",
+    "object_labels.csv",
+];
+
 impl Recording {
     /// Reads the tables. A malformed table is an error that names the line. Optional tables may be absent.
     ///
@@ -275,16 +290,21 @@ fn read_imu(folder: &Path) -> Result<Vec<RecordedSample>> {
     .collect()
 }
 
-fn read_optional_table(folder: &Path, name: &str, columns: &[&str]) -> Result<Option<CsvTable>> {
+/// None without an entry of that name. A link that leads nowhere is an error: its table would be missing without a word.
+pub(crate) fn read_optional_table(
+    folder: &Path,
+    name: &str,
+    columns: &[&str],
+) -> Result<Option<CsvTable>> {
     let path = folder.join(name);
-    if path.exists() {
-        CsvTable::read(&path, columns).map(Some)
-    } else {
-        Ok(None)
+    let entry = path.symlink_metadata();
+    if entry.is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound) {
+        return Ok(None);
     }
+    CsvTable::read(&path, columns).map(Some)
 }
 
-fn parse_stamp(row: CsvRow<'_>) -> Result<Stamp> {
+pub(crate) fn parse_stamp(row: CsvRow<'_>) -> Result<Stamp> {
     let seconds = row.number("stamp_s")?;
     // 64 bits of nanoseconds span ±292 years.
     if seconds.abs() > 9e9 {
@@ -385,9 +405,8 @@ fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<GroundTruthObject>>
             _ => continue,
         };
         let visible_px = row
-            .text("visible_px")
-            .ok()
-            .and_then(|text| text.parse().ok());
+            .optional_number("visible_px")?
+            .map(|number| number as f32);
         objects
             .entry(parse_stamp(row)?)
             .or_default()

@@ -56,12 +56,14 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         .out
         .clone()
         .unwrap_or_else(|| args.dir.join("poses.csv"));
-    arguments::ensure_distinct_outputs([
+    let output_files = [
         Some(&*out),
         args.points.as_deref(),
         args.seen.as_deref(),
         args.save_map.as_deref(),
-    ])?;
+    ];
+    arguments::ensure_distinct_outputs(output_files)?;
+    arguments::ensure_inputs_kept(&args.dir, output_files)?;
     let run = RecordingRun::open(&RecordingOptions {
         folder: args.dir.clone(),
         map: args.map.clone(),

@@ -10,7 +10,8 @@ use localize::{Stamp, math};
 use serde::Serialize;
 use vision::Detections;
 
-use crate::csv_table::{CsvRow, CsvTable};
+use crate::csv_table::CsvRow;
+use crate::recording::{parse_stamp, read_optional_table};
 
 /// A detection beside an outline is correct up to this share of the image's width: 12 pixels of 480.
 const TOLERANCE_SHARE: f32 = 0.025;
@@ -48,14 +49,13 @@ pub struct ObjectLabels {
 impl ObjectLabels {
     /// Reads object_labels.csv of a folder. None if the folder has none.
     pub fn read(folder: &Path) -> Result<Option<Self>> {
-        let path = folder.join("object_labels.csv");
-        if !path.exists() {
+        let columns = ["stamp_s", "class", "polygon_px"];
+        let Some(table) = read_optional_table(folder, "object_labels.csv", &columns)? else {
             return Ok(None);
-        }
+        };
         let mut labels = ObjectLabels::default();
-        for row in CsvTable::read(&path, &["stamp_s", "class", "polygon_px"])?.rows() {
-            let stamp = Stamp::from_seconds(row.number("stamp_s")?);
-            let of_image = labels.by_image.entry(stamp).or_default();
+        for row in table.rows() {
+            let of_image = labels.by_image.entry(parse_stamp(row)?).or_default();
             of_image.push(read_label(row)?);
         }
         Ok(Some(labels))
@@ -69,11 +69,12 @@ fn read_label(row: CsvRow<'_>) -> Result<ObjectLabel> {
         "person" => LabelClass::Person,
         _ => LabelClass::Other,
     };
-    let range = row.text("range_m").ok().and_then(|text| text.parse().ok());
+    let range = row.optional_number("range_m")?.map(|number| number as f32);
     let text = row.text("polygon_px")?;
     let corner = |corner: &str| {
         let (u, v) = corner.split_once(':')?;
-        Some([u.parse().ok()?, v.parse().ok()?])
+        let number = |text: &str| text.parse().ok().filter(|number: &f32| number.is_finite());
+        Some([number(u)?, number(v)?])
     };
     let outline: Option<Vec<[f32; 2]>> = text.split_whitespace().map(corner).collect();
     match outline {
@@ -279,6 +280,35 @@ mod tests {
         assert_eq!(distance_to_outline([15.0, 15.0], &SQUARE), 0.0);
         assert!((distance_to_outline([24.0, 15.0], &SQUARE) - 4.0).abs() < 1e-5);
         assert!((distance_to_outline([23.0, 24.0], &SQUARE) - 5.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn label_that_is_no_number_is_refused_with_its_line() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("object_labels.csv");
+        assert!(ObjectLabels::read(folder.path()).expect("absent").is_none());
+        let refused = |row: &str| {
+            let text = format!("stamp_s,class,range_m,polygon_px\n{row}\n");
+            std::fs::write(&path, text).expect("written");
+            let error = ObjectLabels::read(folder.path()).err().expect("refused");
+            error.to_string()
+        };
+        let message = refused("0.1,ball,far,1:1 2:1 2:2");
+        assert!(
+            message.contains("line 2: range_m = \"far\" is not a number"),
+            "{message}"
+        );
+        let message = refused("0.1,ball,,1:1 2:nan 2:2");
+        assert!(message.contains("line 2: invalid polygon_px"), "{message}");
+        let message = refused("1e30,ball,,1:1 2:1 2:2");
+        assert!(message.contains("line 2: stamp_s = "), "{message}");
+        std::fs::remove_file(&path).expect("removed");
+        std::os::unix::fs::symlink("nowhere.csv", &path).expect("a link");
+        let message = ObjectLabels::read(folder.path()).err().expect("refused");
+        assert!(
+            format!("{message:#}").contains("No such file"),
+            "{message:#}"
+        );
     }
 
     #[test]
