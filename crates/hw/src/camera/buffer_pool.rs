@@ -93,13 +93,12 @@ impl BufferPool {
             .resize_with(count, || written_buffer(image_bytes));
     }
 
-    /// Takes an empty buffer and lets `fill` append to it.
+    /// Takes a buffer and lets `fill` replace its content, the bytes of an earlier image.
     pub(crate) fn fill<E>(
         &self,
         fill: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
     ) -> Result<Arc<PooledBytes>, E> {
         let mut bytes = lock(&self.free).buffers.pop().unwrap_or_default();
-        bytes.clear();
         let result = fill(&mut bytes);
         let pool = Arc::downgrade(&self.free);
         let bytes = Arc::new(PooledBytes { bytes, pool });

@@ -191,6 +191,7 @@ impl GenICam {
             return None;
         }
         let copy = |bytes: &mut Vec<u8>| {
+            bytes.clear();
             bytes.extend_from_slice(image);
             Ok::<(), ()>(())
         };

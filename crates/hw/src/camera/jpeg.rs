@@ -19,6 +19,7 @@ impl CapturedImage {
             return None;
         }
         let data = pool.fill(|bytes| {
+            bytes.clear();
             bytes.extend_from_slice(&rgb.rgb);
             Ok::<(), ()>(())
         });
@@ -38,6 +39,7 @@ mod tests {
 
     fn frame(encoding: Encoding, width_px: usize, height_px: usize, data: &[u8]) -> CapturedImage {
         let filled = BufferPool::new(0).fill(|bytes| {
+            bytes.clear();
             bytes.extend_from_slice(data);
             Ok::<(), ()>(())
         });

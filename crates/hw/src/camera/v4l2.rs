@@ -196,6 +196,7 @@ impl V4l2 {
         }
         let mapping = self.buffers.get(buffer.index as usize)?;
         let copy = |bytes: &mut Vec<u8>| {
+            bytes.clear();
             mapping.copy_to(used, bytes);
             Ok::<(), ()>(())
         };
