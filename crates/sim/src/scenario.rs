@@ -225,6 +225,7 @@ pub struct BallConfig {
     /// Mass, kilograms.
     pub mass: f32,
     /// Colour, sRGB 0 to 255.
+    #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub colour: [u8; 3],
     /// Coefficient of restitution at walls and posts.
     pub restitution: f32,
@@ -381,6 +382,7 @@ pub struct BallKick {
     pub time: f64,
     /// New position along the field's x and y axes, metres. If absent, the ball is kicked where it is.
     #[serde(default)]
+    #[serde(deserialize_with = "localize::fixed_array::deserialize_optional")]
     pub position: Option<[f32; 2]>,
     /// New height of its lowest point, metres; used with a position.
     #[serde(default)]

@@ -53,17 +53,19 @@ pub struct FieldConfig {
     #[serde(default = "default_true")]
     pub halfway_line: bool,
     /// Additional lines: end points [x0, y0, x1, y1] of their centre lines.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "crate::fixed_array::deserialize_rows")]
     pub extra_lines: Vec<[f32; 4]>,
     /// Additional circles and arcs: centre, radius of the centre line, and the angles in degrees at which they start and
     /// over which they run counter-clockwise, [x, y, radius, start, sweep].
-    #[serde(default)]
+    #[serde(default, deserialize_with = "crate::fixed_array::deserialize_rows")]
     pub extra_arcs: Vec<[f32; 5]>,
     /// Standard deviations of the numbers of `extra_lines`, in their order, if the field was measured.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(deserialize_with = "crate::fixed_array::deserialize_rows")]
     pub extra_lines_std: Vec<[f32; 4]>,
     /// Standard deviations of centre and radius of `extra_arcs`, in their order, if the field was measured.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(deserialize_with = "crate::fixed_array::deserialize_rows")]
     pub extra_arcs_std: Vec<[f32; 3]>,
 }
 

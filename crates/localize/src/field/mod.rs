@@ -300,6 +300,13 @@ pub(crate) mod tests {
             message.contains("line 5: goal_area.width = 30"),
             "{message}"
         );
+        let message = refused(&format!(
+            "{sizes}extra_lines = [[1.0, 0.0, 2.0, 0.0, 3.0]]\n"
+        ));
+        assert!(
+            message.contains("line 5") && message.contains("4 numbers are wanted, not 5"),
+            "{message}"
+        );
         let lines = "[1.0, 0.0, 2.0, 0.0],".repeat(501);
         let message = refused(&format!("{sizes}extra_lines = [{lines}]\n"));
         assert!(message.contains("line 5: extra_lines = 501"), "{message}");
