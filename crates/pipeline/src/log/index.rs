@@ -19,9 +19,8 @@ use super::encoded_image::EncodedImage;
 use super::fallback::FallbackReader;
 use super::header::{Header, translate_files};
 use super::limits::{FieldBudget, check_message};
-use super::mcap_records::{
-    LogCompleteness, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
-};
+use super::mcap_encoding::RECORD_HEADER_BYTES;
+use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, RecordReader, decode_chunk};
 use super::read::LoggedCycle;
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,

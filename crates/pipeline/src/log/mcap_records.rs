@@ -13,11 +13,10 @@ use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::limits::{CHUNK_BYTES_MAX, CHUNK_RECORDS_MAX, check_chunk};
+use super::mcap_encoding::RECORD_HEADER_BYTES;
 
 /// Longest accepted record, bytes. A longer one has a damaged length and is not allocated.
 pub(super) const MAX_RECORD_BYTES: u64 = 256 * 1024 * 1024;
-/// Size of opcode and length before a record's content, bytes.
-pub(super) const RECORD_HEADER_BYTES: usize = 9;
 
 /// An unreadable part of the file. Reading continues after it.
 #[derive(Debug, Clone, PartialEq)]

@@ -66,7 +66,7 @@ impl LogWriter {
             images: config.images,
             ..header.clone()
         };
-        sink.metadata(PROJECT_NAME, header.metadata())?;
+        sink.metadata(PROJECT_NAME, &header.metadata())?;
         if !header.files.contains_key("field.toml") {
             let field = toml::to_string(&field.config)?;
             header = header.with_file("field.toml", field);

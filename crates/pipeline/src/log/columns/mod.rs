@@ -24,9 +24,8 @@ use localize::input_file;
 use mcap::records::{Record, op};
 
 use super::index::{read_summary, scan_chunks};
-use super::mcap_records::{
-    LogCompleteness, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
-};
+use super::mcap_encoding::RECORD_HEADER_BYTES;
+use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, RecordReader, decode_chunk};
 use super::schema::PROJECT_NAME;
 pub use field::{Field, FieldValue};
 use layout::Schema;

@@ -1,7 +1,7 @@
-//! Did a write fail? A buffered file stores the first error, which the SDK's writer discards.
+//! Did a write fail? A buffered file stores the first error, which the SDK's channels discard.
 
 use std::fs::File;
-use std::io::{BufWriter, Result, Seek, SeekFrom, Write};
+use std::io::{BufWriter, Result, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
@@ -22,11 +22,6 @@ impl LogFile {
         }
     }
 
-    /// Flushes the buffer to the operating system.
-    pub(crate) fn finish(&mut self) -> Result<()> {
-        self.flush()
-    }
-
     fn record_error<T>(&self, result: Result<T>) -> Result<T> {
         if let Err(error) = &result {
             self.write_error
@@ -44,13 +39,6 @@ impl Write for LogFile {
 
     fn flush(&mut self) -> Result<()> {
         let result = self.file.flush();
-        self.record_error(result)
-    }
-}
-
-impl Seek for LogFile {
-    fn seek(&mut self, to: SeekFrom) -> Result<u64> {
-        let result = self.file.seek(to);
         self.record_error(result)
     }
 }

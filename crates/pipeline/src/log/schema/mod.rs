@@ -1,4 +1,4 @@
-//! Which topics does a log have, with which schemas? Only this module and `live_topics` use foxglove's SDK.
+//! Which topics does a log have, with which schemas? Only this module, `sink` and `live_topics` use foxglove's SDK.
 //!
 //! Each message is logged once. All sinks of the context (a file, viewers) receive it.
 
@@ -7,35 +7,29 @@ pub(crate) mod file;
 pub(crate) mod image_annotations;
 pub(crate) mod robot_model;
 pub(crate) mod scene;
+mod sink;
 pub mod wire;
 mod wire_detections;
 mod wire_geometry;
 mod wire_world;
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
-use anyhow::{Context as _, Result, anyhow};
+use anyhow::{Context as _, Result};
 pub(crate) use foxglove::messages::log::Level;
 use foxglove::messages::{
     CameraCalibration, CompressedImage, FrameTransforms, ImageAnnotations, Log, PointCloud,
     PoseInFrame, PosesInFrame, SceneUpdate, Timestamp,
 };
 use foxglove::prost_types::FileDescriptorSet;
-use foxglove::{
-    Channel, Encode, McapAttachment, McapCompression, McapWriteOptions, McapWriterHandle,
-    PartialMetadata, RawChannel, Schema,
-};
+use foxglove::{Channel, Encode, PartialMetadata, RawChannel, Schema};
 pub use foxglove::{Context, SinkId};
 use localize::Stamp;
 use prost::Message;
 
-use file::LogFile;
+pub(crate) use sink::Sink;
 
 use super::encoded_image::{EncodedImage, ImageCompression};
-use crate::feed::Pace;
 
 /// Format of our own topics and records. Other formats are rejected.
 pub(crate) const FORMAT_VERSION: u32 = 2;
@@ -56,14 +50,6 @@ pub const IMAGE_TOPIC: &str = "/camera/image";
 
 /// Name of the camera frame in viewers: x to the image's right, y down, z along the view.
 const CAMERA_FRAME: &str = "camera";
-
-/// Size at which a chunk is closed, bytes. With the last image, chunks of usual cameras stay below 1 MiB.
-const CHUNK_BYTES: u64 = 384 * 1024;
-/// Size at which a chunk is closed on a robot, bytes. Usually a flush ends the chunk earlier.
-///
-/// The writer stores about 1 kB per chunk for the summary at the end, so many small chunks would cost memory in a long
-/// game. The data lost by a kill do not depend on this size: they are those since the last flush.
-const LIVE_CHUNK_BYTES: u64 = 4 * 1024 * 1024;
 
 /// The channels of a run. Their messages go to all sinks of the context.
 pub struct Topics {
@@ -149,93 +135,6 @@ impl Topics {
     }
 }
 
-/// File of a log.
-pub(crate) struct Sink {
-    /// Connects channels and file during its lifetime.
-    _context: Arc<Context>,
-    file: McapWriterHandle<LogFile>,
-    write_error: Arc<OnceLock<String>>,
-}
-
-impl Sink {
-    /// Starts a log in an empty file, which `path` names in messages, and opens its channels.
-    pub(crate) fn create(path: &Path, file: File, pace: Pace) -> Result<(Self, Topics)> {
-        let chunk_bytes = match pace {
-            Pace::Live => LIVE_CHUNK_BYTES,
-            Pace::Lockstep => CHUNK_BYTES,
-        };
-        let fault = Arc::new(OnceLock::new());
-        let file = LogFile::new(path, file, fault.clone());
-        // A seeking writer that is killed leaves a chunk without its length.
-        let options = McapWriteOptions::new()
-            .profile(PROJECT_NAME)
-            .compression(Some(McapCompression::Zstd))
-            .compression_level(1)
-            .compression_threads(0)
-            .chunk_size(Some(chunk_bytes))
-            .disable_seeking(true);
-        let context = Context::new();
-        let file = context
-            .mcap_writer_with_options(options)
-            .create(file)
-            .map_err(|error| anyhow!("cannot write {}: {error}", path.display()))?;
-        let topics = Topics::new(&context)?;
-        let sink = Sink {
-            file,
-            write_error: fault,
-            _context: context,
-        };
-        Ok((sink, topics))
-    }
-
-    /// Writes a metadata record.
-    pub(crate) fn metadata(&self, name: &str, values: BTreeMap<String, String>) -> Result<()> {
-        self.file
-            .write_metadata(name, values)
-            .map_err(|error| self.io_error(&error.to_string()))
-    }
-
-    /// Writes an attachment.
-    pub(crate) fn attach(&self, name: &str, data: &[u8]) -> Result<()> {
-        let attachment = McapAttachment {
-            log_time: 0,
-            create_time: 0,
-            name: name.to_owned(),
-            media_type: media_type(name).to_owned(),
-            data: data.into(),
-        };
-        self.file
-            .attach(&attachment)
-            .map_err(|error| self.io_error(&error.to_string()))
-    }
-
-    /// Ends the chunk and passes all data to the operating system. A later kill does not lose them.
-    pub(crate) fn flush(&self) -> Result<()> {
-        self.file
-            .flush()
-            .map_err(|error| self.io_error(&error.to_string()))
-    }
-
-    /// Writes index and summary.
-    pub(crate) fn close(self) -> Result<()> {
-        let fault = self.write_error.clone();
-        let closed = self.file.close().and_then(|mut file| Ok(file.finish()?));
-        // The SDK may go on after a failed write.
-        match (fault.get(), closed) {
-            (Some(error), _) => Err(anyhow!("{error}")),
-            (None, closed) => closed.map_err(|error| anyhow!("{error}")),
-        }
-    }
-
-    // After the first failure the SDK only says that there was one, so the stored error is reported.
-    fn io_error(&self, sdk_error: &str) -> anyhow::Error {
-        anyhow!(
-            "{}",
-            self.write_error.get().map_or(sdk_error, String::as_str)
-        )
-    }
-}
-
 /// A channel of one of foxglove's messages, which viewers support.
 pub(crate) struct FoxgloveChannel<M: Encode>(Channel<M>);
 
@@ -316,15 +215,6 @@ pub(crate) fn timestamp(stamp: Stamp) -> Option<Timestamp> {
         log_time(stamp) % 1_000_000_000,
     );
     Timestamp::new_checked(u32::try_from(seconds).ok()?, rest as u32)
-}
-
-fn media_type(name: &str) -> &'static str {
-    match name.rsplit('.').next() {
-        Some("toml") => "application/toml",
-        Some("csv") => "text/csv",
-        Some("json") => "application/json",
-        _ => "application/octet-stream",
-    }
 }
 
 /// Decodes a message of [`IMAGE_TOPIC`].
