@@ -60,8 +60,26 @@ pub fn request_low_latency() {
     }
 }
 
+/// True if threads of this process may take a real-time priority. Tried in a thread that ends at once.
+pub fn is_realtime_permitted(priority: i32) -> bool {
+    let tried = std::thread::spawn(move || set_realtime_priority(priority)).join();
+    matches!(tried, Ok(Ok(())))
+}
+
+/// Takes back a real-time priority, which a thread inherits, from the calling thread and those it starts.
+pub fn usual_priority() {
+    // SAFETY: all zeros are a valid value of this structure of numbers, which outlives the call; 0 is the calling thread.
+    // Leaving needs no permission; if it fails all the same, the thread keeps its priority.
+    let _accepted = unsafe {
+        let parameters: libc::sched_param = std::mem::zeroed();
+        libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const parameters)
+    };
+}
+
 /// Lowers the priority of the calling thread and those it starts, for work that can wait.
 pub fn lower_priority() {
+    // No niceness lowers a real-time priority.
+    usual_priority();
     // Lowering needs no permission; if it fails all the same, the thread keeps its priority.
     // SAFETY: the calls take only numbers; on Linux process 0 is the calling thread.
     let _accepted = unsafe {
@@ -76,4 +94,34 @@ fn errno_result(result: libc::c_int) -> Result<(), Errno> {
     }
     let error = std::io::Error::last_os_error();
     Err(Errno::from_io_error(&error).unwrap_or(Errno::PERM))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thread_for_work_that_can_wait_keeps_no_real_time_priority() {
+        let scheduling = || {
+            // SAFETY: the calls take only numbers; on Linux process 0 is the calling thread.
+            unsafe {
+                (
+                    libc::sched_getscheduler(0),
+                    libc::getpriority(libc::PRIO_PROCESS, 0),
+                )
+            }
+        };
+        let (_, niceness) = scheduling();
+        let lowered = std::thread::spawn(move || {
+            // Without the permission, the claim is about niceness alone.
+            let _permitted = set_realtime_priority(1);
+            lower_priority();
+            scheduling()
+        });
+        let niceness = (niceness + NICE_INCREMENT).min(19);
+        assert_eq!(
+            lowered.join().expect("joined"),
+            (libc::SCHED_OTHER, niceness)
+        );
+    }
 }

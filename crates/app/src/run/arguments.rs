@@ -55,8 +55,9 @@ pub(crate) struct Args {
     #[cfg(feature = "view")]
     #[arg(long)]
     pub(super) view: bool,
-    /// Real-time priority, 1 to 99; locks all memory.
-    #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(i32).range(1..=99))]
+    /// Real-time priority, 1 to 99, and all memory locked; 0 for none [default: 1 where the system permits it, memory not
+    /// locked].
+    #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(i32).range(0..=99))]
     pub(super) realtime: Option<i32>,
     /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]

@@ -9,7 +9,6 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::Context;
-use hw::realtime::lower_priority;
 use localize::{Field, Stamp};
 use serde::Serialize;
 
@@ -76,6 +75,8 @@ struct LogPlan {
     header: Header,
     field: Field,
     config: LogConfig,
+    /// Sets the priority of the threads that write.
+    set_priority: fn(),
     /// True at the end of the run: no new file is started.
     cancelled: AtomicBool,
 }
@@ -116,7 +117,7 @@ impl LogRotation {
         path: &Path,
         header: Header,
         field: &Field,
-        config: &LogConfig,
+        (config, set_priority): (&LogConfig, fn()),
     ) -> anyhow::Result<Self> {
         let context = || format!("cannot write {}", path.display());
         let is_stream = path.exists() && !path.is_file();
@@ -126,7 +127,7 @@ impl LogRotation {
             create_free(path, 1).with_context(context)?
         };
         let how = (Pace::Live, config);
-        let recorder = Recorder::create_with(&first, &header, field, how, lower_priority)
+        let recorder = Recorder::create_with(&first, &header, field, how, set_priority)
             .inspect_err(|_reported| {
                 if !is_stream {
                     let _gone = std::fs::remove_file(&first);
@@ -138,6 +139,7 @@ impl LogRotation {
                 header,
                 field: field.clone(),
                 config: config.clone(),
+                set_priority,
                 cancelled: AtomicBool::new(false),
             }),
             state: State::Writing(recorder),
@@ -233,7 +235,7 @@ impl LogRotation {
         let thread = std::thread::Builder::new()
             .name("log-reopen".to_owned())
             .spawn(move || {
-                lower_priority();
+                (plan.set_priority)();
                 let closed = close_file(recorder, &path);
                 // A file that held cycles shows that there was space.
                 let first = if closed.removed {
@@ -345,7 +347,7 @@ fn open_next_file(
             continue;
         };
         let how = (Pace::Live, &plan.config);
-        match Recorder::create_with(&path, &header, &plan.field, how, lower_priority) {
+        match Recorder::create_with(&path, &header, &plan.field, how, || ()) {
             Ok(recorder) => return (Some((recorder, path)), period),
             Err(_) => {
                 // It is this run's own, without a complete header. The failure has been reported before.

@@ -27,6 +27,7 @@ use super::status::{CycleTimes, OperatorNotices, RunOutcome, RunReport, RunStatu
 use super::stop_flag::StopFlag;
 use super::teleop;
 use super::tuning::Tuning;
+use super::wake_probe::WakeProbe;
 use crate::memory::{self, RUN_RETAINED_BYTES};
 #[cfg(feature = "ros2")]
 use crate::ros2::{GivenPose, NodeContext, RosNode};
@@ -44,6 +45,9 @@ use vision::exposure::ExposureCommand;
 
 /// Capacity of the queue of device events: more than a second of every device.
 const EVENT_QUEUE_CAPACITY: usize = 1024;
+/// Real-time priority where the system permits one and none is given: the lowest. A busy machine delays the threads of a
+/// usual priority by tens of milliseconds.
+const DEFAULT_REALTIME_PRIORITY: i32 = 1;
 /// Longest wait for an event: the latency of a stop.
 const EVENT_TIMEOUT: Duration = Duration::from_millis(20);
 /// Without an image for this time the pipeline runs a cycle without one, seconds: six images at 30 Hz.
@@ -92,7 +96,10 @@ impl RunLoop {
         };
         let header = header(&robot, &config)?;
         let field = &robot.setup.field;
-        let start_log = |path: &Path| LogRotation::start(path, header.clone(), field, &log_config);
+        let log_priority = log_priority(args.realtime);
+        let start_log = |path: &Path| {
+            LogRotation::start(path, header.clone(), field, (&log_config, log_priority))
+        };
         let log = args.record.as_deref().map(start_log).transpose()?;
         if let (Some(path), Some(first)) =
             (&args.record, log.as_ref().and_then(LogRotation::first_file))
@@ -171,13 +178,7 @@ impl RunLoop {
         // A thread inherits the priority of the thread that starts it. Log and network threads are already running.
         hw::realtime::request_low_latency();
         memory::retain_freed_memory(RUN_RETAINED_BYTES);
-        if let Some(priority) = self.realtime {
-            let _reported = hw::realtime::set_realtime_priority(priority).inspect_err(|error| {
-                status.print_line(&format!("cannot set the real-time priority: {error}"))
-            });
-            let _reported = hw::realtime::lock_memory()
-                .inspect_err(|error| status.print_line(&format!("cannot lock memory: {error}")));
-        }
+        let realtime_priority = self.set_priority(&mut status);
         let events = EventQueue::new(EVENT_QUEUE_CAPACITY);
         let queued_images = self.log.as_ref().map_or(0, LogRotation::queue_images);
         let RobotFolder {
@@ -191,6 +192,7 @@ impl RunLoop {
             node.attach_events(&events);
         }
         let motion_thread = self.start_motion_thread(stop)?;
+        let wake_probe = WakeProbe::start()?;
         status.print_line(&start_message(&self.robot.hardware, self.teleop));
         let exposure = ExposureControl::start(&devices, self.robot.setup.robot.exposure);
         let mut state = RunState::new(&self.robot.setup);
@@ -231,6 +233,8 @@ impl RunLoop {
         #[cfg(feature = "ros2")]
         let ros2 = self.network.node().map(RosNode::counts);
         stop.raise();
+        let wake_up = wake_probe.summary();
+        drop(wake_probe);
         let health = devices.health();
         drop(devices);
         if let Some(thread) = motion_thread {
@@ -238,11 +242,14 @@ impl RunLoop {
             let _ended = thread.join();
         }
         let (log, outputs_lost) = self.finish_outputs(&mut status);
-        // The wheels have stopped: the trials of other set-ups take seconds.
+        // The wheels have stopped: the trials of other set-ups take seconds, and nothing is urgent any more.
+        hw::realtime::lower_priority();
         let warnings = state.setup_watch.finish(&self.robot.setup, &self.config);
         Ok(status.into_report(RunOutcome {
             warnings,
             dropped: events.drop_counts(),
+            realtime_priority,
+            wake_up,
             samples_refused: state.samples_refused,
             wheels_stopped,
             commands,
@@ -253,6 +260,26 @@ impl RunLoop {
             log,
             outputs_lost,
         }))
+    }
+
+    /// Sets the priority of this thread and those it starts. Returns the real-time priority, 0 for none.
+    fn set_priority(&self, status: &mut RunStatus) -> i32 {
+        let Some(priority) = self.realtime else {
+            let permitted = hw::realtime::set_realtime_priority(DEFAULT_REALTIME_PRIORITY);
+            return permitted.map_or(0, |()| DEFAULT_REALTIME_PRIORITY);
+        };
+        if priority == 0 {
+            return 0;
+        }
+        let _reported = hw::realtime::lock_memory()
+            .inspect_err(|error| status.print_line(&format!("cannot lock memory: {error}")));
+        match hw::realtime::set_realtime_priority(priority) {
+            Ok(()) => priority,
+            Err(error) => {
+                status.print_line(&format!("cannot set the real-time priority: {error}"));
+                0
+            }
+        }
     }
 
     /// Completes map, table and log. Returns the log's summary, and why outputs do not exist.
@@ -465,6 +492,17 @@ impl RunLoop {
         if let Some(log) = &self.log {
             log.write_note(hw::now(), text);
         }
+    }
+}
+
+/// Sets the priority of the log's threads. They yield to those between camera and wheels, which on a busy machine costs images.
+/// A real-time priority of the others is enough for that.
+fn log_priority(realtime: Option<i32>) -> fn() {
+    match realtime.unwrap_or(DEFAULT_REALTIME_PRIORITY) {
+        priority @ 1.. if hw::realtime::is_realtime_permitted(priority) => {
+            hw::realtime::usual_priority
+        }
+        _ => hw::realtime::lower_priority,
     }
 }
 

@@ -51,6 +51,10 @@ pub(crate) struct RunReport {
     pub see_ms: LatencySummary,
     /// Features to pose, milliseconds.
     pub localize_ms: LatencySummary,
+    /// Real-time priority of the run, 0 for none.
+    pub realtime_priority: i32,
+    /// How late a sleeping thread of this run's priority woke meanwhile: the machine's share of the latencies, milliseconds.
+    pub wake_up_ms: LatencySummary,
     /// Images replaced by a newer one before they were processed.
     pub frames_replaced: u64,
     /// Samples dropped in favour of newer ones.
@@ -101,6 +105,10 @@ pub(crate) struct StateChange {
 pub(crate) struct RunOutcome {
     /// Images and samples dropped by the event queue.
     pub dropped: hw::DroppedInputs,
+    /// Real-time priority of the run, 0 for none.
+    pub realtime_priority: i32,
+    /// Delays of a sleeping thread of the run's priority.
+    pub wake_up: LatencySummary,
     /// Samples with values that are not finite.
     pub samples_refused: u64,
     /// The base took the stop command; true without a base.
@@ -346,6 +354,8 @@ impl RunStatus {
             arrival_ms: self.arrival.summary(),
             see_ms: self.vision_time.summary(),
             localize_ms: self.localize.summary(),
+            realtime_priority: outcome.realtime_priority,
+            wake_up_ms: outcome.wake_up,
             frames_replaced: outcome.dropped.images,
             samples_dropped: outcome.dropped.samples,
             samples_refused: outcome.samples_refused,
@@ -390,6 +400,7 @@ impl RunReport {
         times("  vision", self.see_ms);
         times("  localization", self.localize_ms);
         times("exposure to ball and robots", self.cycle_latency_ms);
+        times("a sleeping thread woke late by", self.wake_up_ms);
         println!("{:.1} MB of memory", self.memory_mb);
         for warning in &self.warnings {
             eprintln!("warning: {warning}");

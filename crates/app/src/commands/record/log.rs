@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::{Result, bail, ensure};
 use hw::DeviceEvent;
 use hw::camera::CapturedImage;
+use hw::realtime::lower_priority;
 use localize::{Field, Stamp};
 use nalgebra::{Matrix3, Vector3};
 use pipeline::log::{Header, LogConfig};
@@ -43,7 +44,7 @@ impl LogRecorder {
         let (length, width) = (field.config.length, field.config.width);
         let sides = Vector3::new(length, width, std::f32::consts::TAU);
         Ok(LogRecorder {
-            log: LogRotation::start(path, header, field, &LogConfig::default())?,
+            log: LogRotation::start(path, header, field, (&LogConfig::default(), lower_priority))?,
             inputs: Inputs::default(),
             covariance: Matrix3::from_diagonal(&sides.map(|side| side * side / 12.0)),
             last_cycle: hw::now(),
