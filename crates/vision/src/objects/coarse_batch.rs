@@ -34,16 +34,27 @@ fn normalize_coarse_patches(
     image: &ImageView<'_>,
     patches: &[&CoarsePixels],
 ) -> CoarseInputs {
+    // All places' tables first, then all their pixels: loads from memory overlap in loops that do nothing else.
+    let mut pixels = [[OUTSIDE; COARSE_SAMPLES]; LANES];
+    for (pixels, patch) in pixels.iter_mut().zip(patches) {
+        *pixels = **patch;
+    }
+    let pixels = &pixels[..patches.len().min(LANES)];
+    let mut read = [[0u32; COARSE_SAMPLES]; LANES];
+    image.read_rgb(
+        pixels.as_flattened(),
+        read[..pixels.len()].as_flattened_mut(),
+    );
     let mut colours = [[0u32; LANES]; COARSE_SAMPLES];
-    let mut known = [[1.0f32; LANES]; COARSE_SAMPLES];
-    for (lane, pixels) in patches.iter().take(LANES).enumerate() {
-        let mut read = [0u32; COARSE_SAMPLES];
-        image.read_rgb(&pixels[..], &mut read);
-        for (colours, colour) in colours.iter_mut().zip(read) {
+    for (lane, read) in read.iter().enumerate() {
+        for (colours, &colour) in colours.iter_mut().zip(read) {
             colours[lane] = colour;
         }
-        if kind == PatchKind::Obstacle {
-            for (known, &pixel) in known.iter_mut().zip(*pixels) {
+    }
+    let mut known = [[1.0f32; LANES]; COARSE_SAMPLES];
+    if kind == PatchKind::Obstacle {
+        for (lane, pixels) in pixels.iter().enumerate() {
+            for (known, &pixel) in known.iter_mut().zip(pixels) {
                 known[lane] = if pixel == OUTSIDE { 0.0 } else { 1.0 };
             }
         }
