@@ -36,8 +36,18 @@ pub(crate) struct BallFit {
     pub(crate) aside: f32,
 }
 
+/// Number of shifts in each direction, and room for them in vector registers.
+const SHIFTS: usize = 2 * SHIFT_MAX as usize + 1;
+const ROOM: usize = 16;
+
 /// A colour: chromaticity (logarithms without their mean) and weighted brightness.
 type Colour = [f32; 4];
+
+/// Channels of the window's colours, row by row.
+type Window = [[f32; SIDE * SIDE]; 4];
+
+/// Share of the ball's colour in each sample; room at the end, where sums of shifted rows read beyond it.
+type Shares = [f32; SIDE * SIDE + ROOM];
 
 /// Lays the disc around a candidate; no displacement where the image ends.
 pub(crate) fn fit_ball(
@@ -45,30 +55,16 @@ pub(crate) fn fit_ball(
     angles: &ViewAngles,
     candidate: &BallCandidate,
 ) -> BallFit {
-    let unknown = BallFit {
-        away: 0.0,
-        aside: 0.0,
-    };
     let Some(window) = read_window(image, angles, candidate) else {
-        return unknown;
+        return BallFit {
+            away: 0.0,
+            aside: 0.0,
+        };
     };
-    let (Some(ball), Some(floor)) = (
-        mean(&window, |away, aside| {
-            away * away + aside * aside < CORE * CORE
-        }),
-        mean(&window, |away, aside| {
-            away < -aside.abs() && FLOOR.contains(&(away * away + aside * aside).sqrt())
-        }),
-    ) else {
-        return unknown;
+    let contrasts = TEMPLATE.contrasts(&ball_shares(&window));
+    let contrast = |[down, right]: [i32; 2]| {
+        contrasts[(down + SHIFT_MAX) as usize][(right + SHIFT_MAX) as usize]
     };
-    // 1 on the ball, 0 on the floor.
-    let shares = window.map(|colour| {
-        let (to_ball, to_floor) = (distance(colour, ball), distance(colour, floor));
-        to_floor / (to_floor + to_ball).max(1e-3)
-    });
-    let template = &*TEMPLATE;
-    let contrast = |place: [i32; 2]| template.contrast(&shares, place);
     // Every second place first, then the neighbours of the best.
     let mut best = ([0, 0], contrast([0, 0]));
     let coarse = (-SHIFT_MAX..=SHIFT_MAX).step_by(2);
@@ -105,39 +101,83 @@ fn better(
     if here > best.1 { (place, here) } else { best }
 }
 
-/// Samples of the disc and of the ring about the window's middle, as indices of the window.
+/// 1 on the ball, 0 on the floor.
+fn ball_shares(window: &Window) -> Shares {
+    let (ball, floor) = (mean(window, &TEMPLATE.core), mean(window, &TEMPLATE.floor));
+    let mut shares = [0.0; SIDE * SIDE + ROOM];
+    for (place, share) in shares.iter_mut().take(SIDE * SIDE).enumerate() {
+        let colour = [0, 1, 2, 3].map(|channel: usize| window[channel][place]);
+        let (to_ball, to_floor) = (distance(colour, ball), distance(colour, floor));
+        let sum = to_floor + to_ball;
+        // Not `max`, whose care for numbers that are none takes more instructions.
+        *share = to_floor / if sum > 1e-3 { sum } else { 1e-3 };
+    }
+    shares
+}
+
+/// Samples about the window's middle, as indices of the window.
 struct Template {
     disc: Vec<usize>,
     ring: Vec<usize>,
+    /// Those whose means are the colours of ball and floor.
+    core: Vec<usize>,
+    floor: Vec<usize>,
 }
 
 static TEMPLATE: LazyLock<Template> = LazyLock::new(|| {
+    let select = |selects: &dyn Fn(f32, f32) -> bool| {
+        let places =
+            (0..SIDE * SIDE).filter(|&place| selects(offset(place / SIDE), offset(place % SIDE)));
+        places.collect()
+    };
     let within = |radii: Range<f32>| {
-        let places = (0..SIDE * SIDE).filter(|&place| {
-            let (away, aside) = (offset(place / SIDE), offset(place % SIDE));
+        select(&|away, aside| {
             let squared = away * away + aside * aside;
             (radii.start * radii.start..radii.end * radii.end).contains(&squared)
-        });
-        places.collect()
+        })
     };
     Template {
         disc: within(0.0..DISC),
         ring: within(RING),
+        core: within(0.0..CORE),
+        floor: select(&|away, aside| {
+            away < -aside.abs() && FLOOR.contains(&(away * away + aside * aside).sqrt())
+        }),
     }
 });
 
 impl Template {
-    /// Mean share of the ball in the disc minus that in the ring, displaced by samples down and right.
-    fn contrast(&self, shares: &[f32; SIDE * SIDE], [down, right]: [i32; 2]) -> f32 {
-        let shift = down * SIDE as i32 + right;
-        let mean = |places: &[usize]| {
-            let values = places
-                .iter()
-                .map(|&place| shares[(place as i32 + shift) as usize]);
-            values.fold(0.0, |sum, value| sum + value) / places.len() as f32
-        };
-        mean(&self.disc) - mean(&self.ring)
+    /// Mean share of the ball in the disc minus that in the ring, by displacement down and right; of the columns beyond
+    /// [`SHIFTS`] none is meant.
+    fn contrasts(&self, shares: &Shares) -> [[f32; ROOM]; SHIFTS] {
+        let (disc, ring) = (
+            shifted_sums(shares, &self.disc),
+            shifted_sums(shares, &self.ring),
+        );
+        let counts = [&self.disc, &self.ring].map(|places| places.len() as f32);
+        std::array::from_fn(|down| {
+            std::array::from_fn(|right| {
+                disc[down][right] / counts[0] - ring[down][right] / counts[1]
+            })
+        })
     }
+}
+
+/// Sums of the shares at some places, displaced by each number of samples down and right.
+///
+/// All displacements to the right at once, so that additions to one sum need not wait for each other.
+fn shifted_sums(shares: &Shares, places: &[usize]) -> [[f32; ROOM]; SHIFTS] {
+    const FIRST: usize = SHIFT_MAX as usize * (SIDE + 1);
+    std::array::from_fn(|down| {
+        let mut sums = [0.0; ROOM];
+        for &place in places {
+            let start = place + down * SIDE - FIRST;
+            for (sum, share) in sums.iter_mut().zip(&shares[start..start + ROOM]) {
+                *sum += share;
+            }
+        }
+        sums
+    })
 }
 
 /// Displacement of a sample from the window's middle, ball radii.
@@ -151,15 +191,15 @@ fn read_window(
     image: &ImageView<'_>,
     angles: &ViewAngles,
     candidate: &BallCandidate,
-) -> Option<[Colour; SIDE * SIDE]> {
-    let mut window = [[0.0; 4]; SIDE * SIDE];
+) -> Option<Window> {
+    let mut window = [[0.0; SIDE * SIDE]; 4];
     let ray = angles.ray(candidate.azimuth);
     let directions: [(f32, f32); SIDE] = std::array::from_fn(|column| {
         math::sin_cos(candidate.azimuth + offset(column) * candidate.ball.half_width)
     });
     let size_px = [image.width_px, image.height_px];
     let logarithms = logarithms();
-    for (row, colours) in window.as_chunks_mut::<SIDE>().0.iter_mut().enumerate() {
+    for row in 0..SIDE {
         let radius = ray.radius_px(candidate.view_angle + offset(row) * candidate.ball.half_height);
         let pixels = pixels_at(angles.centre_px, size_px, radius, &directions);
         if pixels.contains(&OUTSIDE) {
@@ -167,32 +207,30 @@ fn read_window(
         }
         let mut read = [0; SIDE];
         image.read_rgb(&pixels, &mut read);
-        for (colour, rgb) in colours.iter_mut().zip(read) {
+        for (place, rgb) in (row * SIDE..).zip(read) {
             let [r, g, b, _] = rgb.to_le_bytes();
             let logs = [r, g, b].map(|level| logarithms[usize::from(level)]);
             let brightness = (logs[0] + logs[1] + logs[2]) / 3.0;
             let [r, g, b] = logs.map(|log| log - brightness);
-            *colour = [r, g, b, BRIGHTNESS_WEIGHT * brightness];
+            let colour = [r, g, b, BRIGHTNESS_WEIGHT * brightness];
+            for (channel, value) in window.iter_mut().zip(colour) {
+                channel[place] = value;
+            }
         }
     }
     Some(window)
 }
 
-/// Mean colour of the samples that a predicate of their displacement selects.
-fn mean(window: &[Colour; SIDE * SIDE], selects: impl Fn(f32, f32) -> bool) -> Option<Colour> {
-    let mut sum = [0.0; 4];
-    let mut count = 0.0;
-    for (place, colour) in window.iter().enumerate() {
-        if selects(offset(place / SIDE), offset(place % SIDE)) {
-            for (sum, value) in sum.iter_mut().zip(colour) {
-                *sum += value;
-            }
-            count += 1.0;
-        }
-    }
-    (count > 0.0).then(|| sum.map(|sum| sum / count))
+/// Mean colour of some samples.
+fn mean(window: &Window, places: &[usize]) -> Colour {
+    let count = places.len() as f32;
+    [0, 1, 2, 3].map(|channel: usize| {
+        let values = places.iter().map(|&place| window[channel][place]);
+        values.fold(0.0, |sum, value| sum + value) / count
+    })
 }
 
+#[inline(always)]
 fn distance(a: Colour, b: Colour) -> f32 {
     let squares = a.into_iter().zip(b).map(|(a, b)| (a - b) * (a - b));
     squares.fold(0.0, |sum, square| sum + square).sqrt()
@@ -213,19 +251,20 @@ mod tests {
 
     #[test]
     fn contrast_is_largest_where_a_blurred_disc_lies() {
-        let shares: [f32; SIDE * SIDE] = std::array::from_fn(|place| {
+        let shares: Shares = std::array::from_fn(|place| {
             let (away, aside) = (offset(place / SIDE) - 0.5, offset(place % SIDE) + 0.3);
             // Blurred by a fifth of the radius.
             ((1.1 - (away * away + aside * aside).sqrt()) / 0.2).clamp(0.0, 1.0)
         });
-        let best = (-SHIFT_MAX..=SHIFT_MAX)
-            .flat_map(|down| (-SHIFT_MAX..=SHIFT_MAX).map(move |right| [down, right]))
+        let contrasts = TEMPLATE.contrasts(&shares);
+        let best = (0..SHIFTS)
+            .flat_map(|down| (0..SHIFTS).map(move |right| [down, right]))
             .max_by(|a, b| {
-                let contrast = |place: &[i32; 2]| TEMPLATE.contrast(&shares, *place);
+                let contrast = |place: &[usize; 2]| contrasts[place[0]][place[1]];
                 contrast(a).total_cmp(&contrast(b))
             })
             .expect("places");
-        let [away, aside] = best.map(|shift| STEP * shift as f32);
+        let [away, aside] = best.map(|shift| STEP * (shift as i32 - SHIFT_MAX) as f32);
         assert!(
             (away - 0.5).abs() <= 0.11 && (aside + 0.3).abs() <= 0.11,
             "{away} {aside}"
