@@ -317,16 +317,30 @@ impl BallDetector<'_> {
     ///
     /// `turns`: azimuth about the mirror's axis; `range`: distance, metres.
     pub(crate) fn is_beyond_carpet(&self, turns: f32, range: f32) -> bool {
-        let half = self.config.ball_radius / (std::f32::consts::TAU * range);
-        let count = self.carpet_end.len();
-        let end = |turns: f32, outward: usize| {
-            let place = wrap_turns(turns) * count as f32;
-            self.carpet_end[(place as usize + outward) % count]
-        };
-        // One ray past each side of the ball. The ball hides carpet, so its centre may appear slightly farther.
-        let end = end(turns - half, count - 1).max(end(turns + half, 2));
-        range > 1.02 * end
+        let rays = rays_beside_ball(turns, range, self.config.ball_radius, self.carpet_end.len());
+        ends_before(self.carpet_end, rays, range)
     }
+}
+
+/// Rays one past each side of a ball, of so many in all. `turns`: its azimuth; `range`: its distance, metres.
+pub(crate) fn rays_beside_ball(
+    turns: f32,
+    range: f32,
+    ball_radius: f32,
+    count: usize,
+) -> [usize; 2] {
+    let half = ball_radius / (std::f32::consts::TAU * range);
+    let ray = |turns: f32, outward: usize| {
+        let place = wrap_turns(turns) * count as f32;
+        (place as usize + outward) % count
+    };
+    [ray(turns - half, count - 1), ray(turns + half, 2)]
+}
+
+/// True if the carpet ends before a ball's centre on both rays beside it.
+pub(crate) fn ends_before(carpet_end: &[f32], [right, left]: [usize; 2], range: f32) -> bool {
+    // The ball hides carpet, so its centre may appear slightly farther.
+    range > 1.02 * carpet_end[right].max(carpet_end[left])
 }
 
 /// Pixels of a whole ball on the ground at a distance and image position: its solid angle over a pixel's.

@@ -9,14 +9,14 @@ use std::f32::consts::TAU;
 use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::colour::pixel_classifier::PixelClassifier;
 use crate::config::ObjectDetectionConfig;
-use crate::image::ImageView;
+use crate::image::{ImageView, OUTSIDE};
+use crate::objects::ball::{ends_before, rays_beside_ball};
 use crate::objects::coarse_batch::{LANES, coarse_log_odds};
 use crate::objects::network::{NETWORKS, logistic};
 use crate::objects::patch::{
-    BallAngles, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, floor_pixels, inner_pixels,
-    normalize_patch, read_patch,
+    BallAngles, CoarsePixels, INNER, PatchFrame, PatchKind, coarse_pixels, floor_pixels,
+    inner_pixels, normalize_patch, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
@@ -38,15 +38,15 @@ const VIEW_ANGLE_MAX: f32 = 1.5;
 /// Two candidates nearer than this are one, ball radii.
 const SEPARATION: f32 = 1.5;
 
+/// Places whose pixels are classified at a time.
+const BATCH: usize = 16;
+
 /// A place of the grid.
 #[derive(Debug, Clone, Copy)]
 struct GridPlace {
     view_angle: f32,
     azimuth: f32,
-    /// Distance of the contact point, metres.
-    range: f32,
     ball: BallAngles,
-    coarse: CoarsePixels,
 }
 
 impl GridPlace {
@@ -61,13 +61,25 @@ impl GridPlace {
     }
 }
 
+/// What tells whether the carpet ends before a place.
+#[derive(Debug, Clone, Copy)]
+struct PlaceGround {
+    /// Distance of the contact point, metres.
+    range: f32,
+    /// Rays of the carpet's end beside the ball.
+    rays: [u16; 2],
+}
+
 /// The places at which balls are sought.
+///
+/// Few places pass each step of the search, so each array holds what one step reads.
 #[derive(Debug, Clone)]
 pub(crate) struct BallGrid {
+    ground: Vec<PlaceGround>,
+    centres: Vec<[u16; 2]>,
+    inner: Vec<[[u16; 2]; INNER]>,
+    coarse: Vec<CoarsePixels>,
     places: Vec<GridPlace>,
-    /// Classifies the places' centres.
-    centres: PixelClassifier,
-    centre_classes: Vec<ColourClass>,
     angles: ViewAngles,
     ball_radius: f32,
 }
@@ -90,13 +102,21 @@ impl BallGrid {
         size_px: [usize; 2],
         is_visible: impl Fn(usize, usize) -> bool,
     ) -> Self {
+        let mut grid = BallGrid {
+            ground: Vec::new(),
+            centres: Vec::new(),
+            inner: Vec::new(),
+            coarse: Vec::new(),
+            places: Vec::new(),
+            angles: angles.clone(),
+            ball_radius: config.ball_radius,
+        };
         let centre_height = config.viewpoint_height - config.ball_radius;
         let inside = |[u, v]: [f32; 2]| {
             let (u, v) = (u.round(), v.round());
             let inside = u >= 0.0 && v >= 0.0 && u < size_px[0] as f32 && v < size_px[1] as f32;
             inside.then_some([u as u16, v as u16])
         };
-        let (mut places, mut centres) = (Vec::new(), Vec::new());
         let mut view_angle = math::atan2(RANGE_MIN, centre_height);
         let last = math::atan2(config.ball_range_max.min(RANGE_MAX), centre_height);
         while view_angle <= last {
@@ -112,65 +132,48 @@ impl BallGrid {
                     continue;
                 }
                 let frame = PatchFrame::ball(view_angle, azimuth, ball);
-                centres.push(pixel);
-                places.push(GridPlace {
+                let coarse = coarse_pixels(angles, &frame, size_px);
+                let turns = azimuth / TAU;
+                let rays = rays_beside_ball(turns, range, config.ball_radius, config.ray_count);
+                grid.ground.push(PlaceGround {
+                    range,
+                    rays: rays.map(|ray| ray as u16),
+                });
+                grid.centres.push(pixel);
+                grid.inner.push(inner_pixels(&coarse));
+                grid.coarse.push(coarse);
+                grid.places.push(GridPlace {
                     view_angle,
                     azimuth,
-                    range,
                     ball,
-                    coarse: coarse_pixels(angles, &frame, size_px),
                 });
             }
             view_angle += GRID_STEP * ball.half_height;
         }
-        BallGrid {
-            centre_classes: vec![ColourClass::OTHER; places.len()],
-            centres: PixelClassifier::new(&centres, size_px[1]),
-            places,
-            angles: angles.clone(),
-            ball_radius: config.ball_radius,
-        }
+        grid
     }
 
     /// Places that may show a ball, best first by the coarse network, at most [`CANDIDATES_MAX`].
     ///
-    /// `is_beyond_carpet` says of an azimuth in turns and a distance in metres whether the carpet ends before it.
+    /// `carpet_end`: range of the carpet's boundary along each ray, metres.
     pub(crate) fn find_candidates(
-        &mut self,
+        &self,
         image: &ImageView<'_>,
         table: &ColourLookupTable,
-        is_beyond_carpet: impl Fn(f32, f32) -> bool,
+        carpet_end: &[f32],
     ) -> Vec<BallCandidate> {
-        let rows = 0..image.height_px;
-        self.centres
-            .classify_rows(image, table, &rows, &mut self.centre_classes);
-        let is_carpet = |[u, v]: [u16; 2]| {
-            let native = image.native_channels(usize::from(u), usize::from(v));
-            table.class(native) == ColourClass::CARPET
-        };
-        let mut judged: Vec<&GridPlace> = Vec::new();
-        for (place, &centre) in self.places.iter().zip(&self.centre_classes) {
-            if centre == ColourClass::CARPET || is_beyond_carpet(place.azimuth / TAU, place.range) {
-                continue;
-            }
-            let inner = inner_pixels(&place.coarse);
-            if inner.filter(|&pixel| !is_carpet(pixel)).count() < INNER_OTHERS_MIN {
-                continue;
-            }
-            let floor = floor_pixels(&place.coarse);
-            if floor.filter(|&pixel| is_carpet(pixel)).count() < FLOOR_CARPET_MIN {
-                continue;
-            }
-            judged.push(place);
-        }
+        let judged = self.find_places(image, table, carpet_end);
         let mut ranked: Vec<(f32, BallCandidate)> = Vec::new();
         for places in judged.chunks(LANES) {
-            let patches: Vec<&CoarsePixels> = places.iter().map(|place| &place.coarse).collect();
+            let patches: Vec<&CoarsePixels> = places
+                .iter()
+                .map(|&place| &self.coarse[place as usize])
+                .collect();
             let network = &NETWORKS.ball_coarse;
             let odds = coarse_log_odds(network, PatchKind::Ball, image, &patches);
-            for (place, log_odds) in places.iter().zip(odds) {
+            for (&place, log_odds) in places.iter().zip(odds) {
                 if log_odds >= LOG_ODDS_MIN {
-                    ranked.push((log_odds, place.candidate()));
+                    ranked.push((log_odds, self.places[place as usize].candidate()));
                 }
             }
         }
@@ -185,6 +188,37 @@ impl BallGrid {
             }
         }
         best
+    }
+
+    /// Places before the carpet's end that show something else than carpet, as large as a ball, with carpet before it.
+    fn find_places(
+        &self,
+        image: &ImageView<'_>,
+        table: &ColourLookupTable,
+        carpet_end: &[f32],
+    ) -> Vec<u32> {
+        let mut found: Vec<u32> = Vec::with_capacity(self.ground.len());
+        found.extend((0..).zip(&self.ground).filter_map(|(place, ground)| {
+            let beyond = ends_before(carpet_end, ground.rays.map(usize::from), ground.range);
+            (!beyond).then_some(place)
+        }));
+        let classes = PlaceClasses { image, table };
+        classes.retain(
+            &mut found,
+            |place| [self.centres[place]],
+            |counts| counts.carpet == 0,
+        );
+        classes.retain(
+            &mut found,
+            |place| self.inner[place],
+            |counts| counts.other >= INNER_OTHERS_MIN,
+        );
+        classes.retain(
+            &mut found,
+            |place| floor_pixels(&self.coarse[place]),
+            |counts| counts.carpet >= FLOOR_CARPET_MIN,
+        );
+        found
     }
 
     /// Judges candidates by their pixels; the best of each group remain, best first.
@@ -247,6 +281,64 @@ impl BallGrid {
             azimuth: azimuth(self.angles.centre_px, position_px),
             ball: BallAngles::at(range, self.ball_radius, height),
             probability: 0.0,
+        }
+    }
+}
+
+/// Counts of classes among the pixels of a place; those outside the image count as neither.
+struct ClassCounts {
+    carpet: usize,
+    other: usize,
+}
+
+/// Classes of pixels about the places of a grid.
+struct PlaceClasses<'a> {
+    image: &'a ImageView<'a>,
+    table: &'a ColourLookupTable,
+}
+
+impl PlaceClasses<'_> {
+    /// Keeps the places whose pixels satisfy a condition.
+    fn retain<const N: usize>(
+        &self,
+        places: &mut Vec<u32>,
+        pixels_of: impl Fn(usize) -> [[u16; 2]; N],
+        keeps: impl Fn(ClassCounts) -> bool,
+    ) {
+        let mut kept = 0;
+        for start in (0..places.len()).step_by(BATCH) {
+            let batch = start..places.len().min(start + BATCH);
+            let mut pixels = [[OUTSIDE; N]; BATCH];
+            let pixels = &mut pixels[..batch.len()];
+            for (pixels, &place) in pixels.iter_mut().zip(&places[batch.clone()]) {
+                *pixels = pixels_of(place as usize);
+            }
+            let mut native = [[0u32; N]; BATCH];
+            let native = &mut native[..batch.len()];
+            self.image
+                .read_native(pixels.as_flattened(), native.as_flattened_mut());
+            for ((index, pixels), native) in batch.zip(pixels).zip(native) {
+                let counts = self.count(pixels, native);
+                // Without a branch, which would often be foreseen wrongly.
+                places[kept] = places[index];
+                kept += usize::from(keeps(counts));
+            }
+        }
+        places.truncate(kept);
+    }
+
+    fn count<const N: usize>(&self, pixels: &[[u16; 2]; N], native: &[u32; N]) -> ClassCounts {
+        let (mut inside, mut carpet) = (0, 0);
+        for (&pixel, &native) in pixels.iter().zip(native) {
+            let cell = ColourLookupTable::cell_index(native);
+            let is_inside = pixel != OUTSIDE;
+            let is_carpet = self.table.cell_class(cell) == ColourClass::CARPET;
+            inside += usize::from(is_inside);
+            carpet += usize::from(is_inside & is_carpet);
+        }
+        ClassCounts {
+            carpet,
+            other: inside - carpet,
         }
     }
 }

@@ -5,6 +5,7 @@ pub(crate) mod ball_candidates;
 mod ball_fit;
 mod coarse_batch;
 mod covariance;
+mod foot_edges;
 pub mod goals;
 pub(crate) mod ground_contact;
 mod network;

@@ -213,20 +213,17 @@ const OBSTACLE_FLOOR: [usize; FOOT_ROW as usize * SIDE] = {
 pub(crate) const COARSE_FLOOR: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 11, 12, 17];
 pub(crate) const COARSE_OBSTACLE_FLOOR: [usize; 12] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11];
 /// Samples of a coarse patch nearest its origin.
-const COARSE_INNER: [usize; 4] = [14, 15, 20, 21];
+pub(crate) const INNER: usize = 4;
+const COARSE_INNER: [usize; INNER] = [14, 15, 20, 21];
 
-/// Pixels of the floor before a ball, inside the image.
-pub(crate) fn floor_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> {
-    inside(COARSE_FLOOR.map(|index| pixels[index]))
+/// Pixels of the floor before a ball.
+pub(crate) fn floor_pixels(pixels: &CoarsePixels) -> [[u16; 2]; COARSE_FLOOR.len()] {
+    COARSE_FLOOR.map(|index| pixels[index])
 }
 
-/// Pixels of a coarse patch nearest its origin, inside the image.
-pub(crate) fn inner_pixels(pixels: &CoarsePixels) -> impl Iterator<Item = [u16; 2]> {
-    inside(COARSE_INNER.map(|index| pixels[index]))
-}
-
-fn inside<const N: usize>(pixels: [[u16; 2]; N]) -> impl Iterator<Item = [u16; 2]> {
-    pixels.into_iter().filter(|&pixel| pixel != OUTSIDE)
+/// Pixels of a coarse patch nearest its origin.
+pub(crate) fn inner_pixels(pixels: &CoarsePixels) -> [[u16; 2]; INNER] {
+    COARSE_INNER.map(|index| pixels[index])
 }
 
 /// Pixels at a radius in some directions (sine and cosine of the azimuth).

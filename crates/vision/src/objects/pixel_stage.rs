@@ -78,15 +78,15 @@ impl PixelStage {
         }
     }
 
-    /// All balls on the ground, best first. `is_beyond_carpet`: see [`BallGrid::find_candidates`].
+    /// All balls on the ground, best first. `carpet_end`: see [`BallGrid::find_candidates`].
     pub(crate) fn detect_balls(
-        &mut self,
+        &self,
         input: PixelStageInput<'_>,
-        is_beyond_carpet: impl Fn(f32, f32) -> bool,
+        carpet_end: &[f32],
     ) -> Vec<BallDetection> {
-        let candidates =
-            self.balls
-                .find_candidates(input.image, input.lookup_table, is_beyond_carpet);
+        let candidates = self
+            .balls
+            .find_candidates(input.image, input.lookup_table, carpet_end);
         let candidates = self
             .balls
             .judge(input.image, candidates, PROBABILITY_BEFORE_FIT);

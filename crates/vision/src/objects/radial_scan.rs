@@ -32,7 +32,7 @@ pub(crate) struct RadialScan {
     /// Index of each ray's first sample above the horizon, or one past its last.
     horizon: Vec<usize>,
     /// Range of each sample, contiguous in memory.
-    ranges: Vec<f32>,
+    pub(crate) ranges: Vec<f32>,
     /// Class of each sample in the last image read.
     pub(crate) classes: Vec<ColourClass>,
     reader: PixelClassifier,

@@ -109,7 +109,7 @@ fn skip_lines(rays: &RadialScan, from: usize, end: usize, config: &ObjectDetecti
 
 /// Ground that a sample covers along its ray, metres; white counts a quarter, since a line may point at the robot.
 fn weighted_ground_step(rays: &RadialScan, sample: usize) -> f32 {
-    let step = rays.samples[sample].range - rays.samples[sample - 1].range;
+    let step = rays.ranges[sample] - rays.ranges[sample - 1];
     if rays.classes[sample] == ColourClass::WHITE {
         0.25 * step
     } else {

@@ -59,13 +59,14 @@ impl Vision {
             carpet_end: &detections.carpet_end,
             centre_px: self.centre_px,
         };
-        let is_beyond = |turns, range| ball_detector.is_beyond_carpet(turns, range);
-        let mut balls = self.pixel_stage.detect_balls(stage_input, is_beyond);
+        let mut balls = self
+            .pixel_stage
+            .detect_balls(stage_input, &detections.carpet_end);
         if balls.is_empty() {
             // In the air, at the robot's feet, or farther than the network looks: the ball's colour finds it.
             let seeds = self.radial_scan.ball_seeds(&self.config.objects);
             let seeds = seeds
-                .filter(|(turns, sample)| !is_beyond(*turns, sample.range))
+                .filter(|(turns, sample)| !ball_detector.is_beyond_carpet(*turns, sample.range))
                 .map(|(_, sample)| [sample.u, sample.v]);
             let by_colour = ball_detector.detect(seeds, &mut self.visited_mask);
             let rejected = &mut detections.rejected_objects;
