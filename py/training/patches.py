@@ -72,13 +72,15 @@ def read(image: NDArray[np.uint8], u: Floats, v: Floats) -> tuple[NDArray[np.uin
 
 def normalize(kind: str, colours: NDArray[np.generic], inside: NDArray[np.bool_]) -> Inputs:
     """Network inputs (n, 3, side, side) of colours (n, side, side, 3): brightness, colour difference, saturation."""
-    floor = FLOOR[kind] if colours.shape[1] == SIDE else COARSE_FLOOR[kind]
-    logs = np.log(np.clip(colours, 0, 255) + LOG_OFFSET).astype(np.float32)
-    reference = np.median(logs[:, floor], 1)
-    relative = logs - reference[:, None, None]
-    saturation = np.ptp(logs, -1) - np.ptp(reference, -1)[:, None, None]
-    channels = np.stack([relative.mean(-1), np.ptp(relative, -1), saturation], 1)
-    channels = np.clip(channels, -2, 2)
+    side, count = colours.shape[1], len(colours)
+    floor = (FLOOR[kind] if side == SIDE else COARSE_FLOOR[kind]).ravel()
+    planes = np.ascontiguousarray(colours.reshape(count, -1, 3).transpose(2, 0, 1))
+    logs = np.log(np.clip(planes, 0, 255) + LOG_OFFSET).astype(np.float32)
+    reference = np.median(np.ascontiguousarray(logs[:, :, floor]), 2)
+    relative = logs - reference[:, :, None]
+    saturation = logs.max(0) - logs.min(0) - (reference.max(0) - reference.min(0))[:, None]
+    channels = np.stack([relative.mean(0), relative.max(0) - relative.min(0), saturation], 1)
+    channels = np.clip(channels, -2, 2).reshape(count, 3, side, side)
     return channels * inside[:, None] if kind == "obstacle" else channels
 
 
