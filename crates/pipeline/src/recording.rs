@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use localize::frames::At;
 use localize::sample::{Compass, Imu, LinePoint, Odometry};
 use localize::{Pose, Stamp};
-use vision::image::Image;
+use vision::image::{CommonOrientation, Image};
 
 use crate::csv_table::{CsvRow, CsvTable};
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
@@ -41,6 +41,7 @@ pub struct Recording {
     frames: usize,
     /// Tables of which only one is used.
     notice: Option<String>,
+    orientation: CommonOrientation,
 }
 
 /// A table of a recording.
@@ -194,6 +195,7 @@ impl Recording {
             events: events.into_iter(),
             frames,
             notice,
+            orientation: CommonOrientation::default(),
         })
     }
 
@@ -219,6 +221,15 @@ impl Recording {
         self.events = kept.collect::<Vec<_>>().into_iter();
     }
 
+    /// An image whose EXIF orientation is that of the images before.
+    fn load_image(&mut self, path: &Path) -> Result<Image, String> {
+        let (image, orientation) =
+            Image::load_with_orientation(path).map_err(|error| error.to_string())?;
+        self.orientation
+            .check(&path.display().to_string(), orientation)?;
+        Ok(image)
+    }
+
     /// The samples that are still to come, images as paths.
     pub(crate) fn remaining_samples(&self) -> &[RecordedSample] {
         self.events.as_slice()
@@ -239,9 +250,9 @@ impl Iterator for Recording {
                 points,
                 goals: Vec::new(),
             },
-            RecordedData::Image(path) => match Image::load(&path) {
+            RecordedData::Image(path) => match self.load_image(&path) {
                 Ok(image) => ImageContent::Pixels(image.into()),
-                Err(error) => ImageContent::Unreadable(error.to_string()),
+                Err(reason) => ImageContent::Unreadable(reason),
             },
         };
         Some(Sample::Image(CameraImage {

@@ -17,7 +17,8 @@ pub enum VisionError {
     },
     /// An image differs in size from the map.
     #[error(
-        "wrong image size: {actual_width_px} × {actual_height_px} pixels (expected {expected_width_px} × {expected_height_px}, as the map and the camera)"
+        "wrong image size: {actual_width_px} × {actual_height_px} pixels (expected {expected_width_px} × {expected_height_px}, as the map and the camera){}",
+        turned_hint([*actual_width_px, *actual_height_px], [*expected_width_px, *expected_height_px])
     )]
     ImageSize {
         /// Columns of the image.
@@ -70,4 +71,13 @@ pub enum VisionError {
         /// Line and reason.
         reason: String,
     },
+}
+
+/// What an image whose sides are exchanged suggests.
+fn turned_hint(actual: [usize; 2], [width, height]: [usize; 2]) -> &'static str {
+    if actual == [height, width] && width != height {
+        ". The image is turned by a quarter, perhaps by its EXIF orientation"
+    } else {
+        ""
+    }
 }

@@ -1,16 +1,19 @@
 //! Images: borrowed in the camera's own pixel format, and owned RGB images from files.
 
+mod orientation;
 mod pixel_batch;
 
 use std::io::Cursor;
 use std::path::Path;
 
+use image::metadata::Orientation as Transform;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader};
 use localize::input_file;
 
 use crate::error::VisionError;
 use crate::output_file::OutputFile;
 
+pub use orientation::{CommonOrientation, Orientation};
 pub(crate) use pixel_batch::{OUTSIDE, load_pixel};
 
 /// Largest accepted image or map, pixels. Larger ones are refused before they are unpacked.
@@ -245,8 +248,13 @@ fn is_truncated_jpeg(bytes: &[u8]) -> bool {
 }
 
 impl Image {
-    /// Decodes a PNG or JPEG file.
+    /// Decodes a PNG or JPEG file, turned as its EXIF orientation demands.
     pub fn load(path: &Path) -> Result<Self, VisionError> {
+        Ok(Image::load_with_orientation(path)?.0)
+    }
+
+    /// As [`Image::load`], with the orientation that was applied.
+    pub fn load_with_orientation(path: &Path) -> Result<(Self, Orientation), VisionError> {
         let refuse = |reason: String| VisionError::ReadImage {
             path: path.to_owned(),
             reason,
@@ -256,12 +264,17 @@ impl Image {
         if is_truncated_jpeg(&bytes) {
             return Err(refuse("truncated JPEG (no end mark)".to_owned()));
         }
-        Image::decode(&bytes).map_err(refuse)
+        Image::decode_with_orientation(&bytes).map_err(refuse)
     }
 
-    /// Decodes the bytes of a PNG or JPEG file. Errors with the reason, before unpacking if the image is too large.
+    /// Decodes the bytes of a PNG or JPEG file, turned as its EXIF orientation demands. Errors with the reason, before
+    /// unpacking if the image is too large.
     pub fn decode(bytes: &[u8]) -> Result<Self, String> {
-        let decoder = ImageReader::new(Cursor::new(bytes))
+        Ok(Image::decode_with_orientation(bytes)?.0)
+    }
+
+    fn decode_with_orientation(bytes: &[u8]) -> Result<(Self, Orientation), String> {
+        let mut decoder = ImageReader::new(Cursor::new(bytes))
             .with_guessed_format()
             .map_err(|error| error.to_string())?
             .into_decoder()
@@ -275,14 +288,17 @@ impl Image {
                 "too large: {width} × {height} pixels (expected at most {SIDE_MAX} a side and {PIXELS_MAX} in all)"
             ));
         }
-        let decoded = DynamicImage::from_decoder(decoder)
-            .map_err(|error| error.to_string())?
-            .into_rgb8();
-        Ok(Image {
+        // Metadata that cannot be read demand nothing.
+        let transform = decoder.orientation().unwrap_or(Transform::NoTransforms);
+        let mut decoded = DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())?;
+        decoded.apply_orientation(transform);
+        let decoded = decoded.into_rgb8();
+        let image = Image {
             width_px: decoded.width() as usize,
             height_px: decoded.height() as usize,
             rgb: decoded.into_raw(),
-        })
+        };
+        Ok((image, Orientation::new(transform)))
     }
 
     /// Writes a PNG or JPEG file, by the name's extension.
@@ -351,6 +367,50 @@ mod tests {
         png.extend(b"IDAT");
         let error = Image::decode(&png).expect_err("refused");
         assert!(error.contains("too large: 1 × 400000000"), "{error}");
+    }
+
+    /// A JPEG of two columns and a row, black and white, with an EXIF orientation.
+    fn tagged_jpeg(orientation: u8) -> Vec<u8> {
+        let mut jpeg = Vec::new();
+        let pixels: Vec<u8> = (0..16 * 8 * 3)
+            .map(|i| if i / 3 % 16 < 8 { 0 } else { 255 })
+            .collect();
+        image::codecs::jpeg::JpegEncoder::new(&mut jpeg)
+            .encode(&pixels, 16, 8, image::ExtendedColorType::Rgb8)
+            .expect("encoded");
+        let mut exif =
+            b"\xff\xe1\0\x22Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".to_vec();
+        exif.extend([orientation, 0, 0, 0, 0, 0, 0]);
+        jpeg.splice(2..2, exif);
+        jpeg
+    }
+
+    #[test]
+    fn image_is_turned_as_its_exif_orientation_demands() {
+        let size = |image: &Image| [image.width_px, image.height_px];
+        let upright = Image::decode(&tagged_jpeg(1)).expect("an image");
+        assert_eq!(size(&upright), [16, 8]);
+        assert!(upright.rgb[0] < 30 && upright.rgb[3 * 15] > 220);
+        // Clockwise: the left, black half comes to the top.
+        let turned = Image::decode(&tagged_jpeg(6)).expect("an image");
+        assert_eq!(size(&turned), [8, 16]);
+        assert!(turned.rgb[0] < 30 && turned.rgb[3 * 7] < 30 && turned.rgb[3 * 8 * 15] > 220);
+    }
+
+    #[test]
+    fn files_of_one_camera_with_two_exif_orientations_are_refused_with_both() {
+        let orientation = |tag: u8| {
+            let decoded = Image::decode_with_orientation(&tagged_jpeg(tag));
+            decoded.expect("an image").1
+        };
+        let mut common = CommonOrientation::default();
+        assert_eq!(common.check("a.jpg", orientation(6)), Ok(()));
+        assert_eq!(common.check("b.jpg", orientation(6)), Ok(()));
+        let error = common.check("c.jpg", orientation(1)).expect_err("refused");
+        assert!(
+            error.contains("a.jpg") && error.contains("c.jpg"),
+            "{error}"
+        );
     }
 
     #[test]

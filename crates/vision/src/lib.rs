@@ -38,7 +38,7 @@ pub mod overlay;
 pub use colour::colour_table::ColourTable;
 pub use config::VisionConfig;
 pub use error::VisionError;
-pub use image::{Image, ImageView, PixelFormat};
+pub use image::{CommonOrientation, Image, ImageView, Orientation, PixelFormat};
 pub use optics::ground_map::GroundMap;
 pub use optics::mirror::Profile;
 pub use optics::ray_tracing::{Mount, Ray, RayTable};

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
+use anyhow::{Error, Result, ensure};
 use pipeline::csv_table::CsvTable;
 use serde::Serialize;
 use vision::calibrate::{ImageResidual, NamedImage, StripImage};
-use vision::image::Image;
+use vision::image::{CommonOrientation, Image};
 
 #[derive(Serialize)]
 pub(super) struct SkippedImage {
@@ -29,16 +29,19 @@ impl SkippedImage {
 pub(super) fn load_strip_images(folder: &Path) -> Result<Vec<StripImage>> {
     let path = folder.join("strip.csv");
     let table = CsvTable::read(&path, &["file", "direction_rad"])?;
-    let mut images = Vec::new();
+    let (mut images, mut common) = (Vec::new(), CommonOrientation::default());
     for row in table.rows() {
         let name = row.text("file")?.to_owned();
         let direction = row.number("direction_rad")?;
-        match Image::load(&folder.join(&name)) {
-            Ok(image) => images.push(StripImage {
-                name,
-                direction,
-                image,
-            }),
+        match Image::load_with_orientation(&folder.join(&name)) {
+            Ok((image, orientation)) => {
+                common.check(&name, orientation).map_err(Error::msg)?;
+                images.push(StripImage {
+                    name,
+                    direction,
+                    image,
+                });
+            }
             Err(error) => eprintln!("{}: left out: {error}", row.location()),
         }
     }
@@ -58,11 +61,14 @@ pub(super) fn load_drive_images(folder: &Path) -> Result<Vec<NamedImage>> {
     } else {
         folder.join("strip.csv")
     };
-    let mut images = Vec::new();
+    let (mut images, mut common) = (Vec::new(), CommonOrientation::default());
     for row in CsvTable::read(&path, &["file"])?.rows() {
         let name = row.text("file")?.to_owned();
-        match Image::load(&folder.join(&name)) {
-            Ok(image) => images.push(NamedImage { name, image }),
+        match Image::load_with_orientation(&folder.join(&name)) {
+            Ok((image, orientation)) => {
+                common.check(&name, orientation).map_err(Error::msg)?;
+                images.push(NamedImage { name, image });
+            }
             Err(error) => eprintln!("{}: left out: {error}", row.location()),
         }
     }
