@@ -3,7 +3,10 @@
 //! Points lie evenly along the markings in sight, a tenth is clutter, and a part of the directions may be hidden. The
 //! generator shares nothing with `synthetic`, which casts rays.
 
+use std::f32::consts::{PI, TAU};
+
 use localize::field::marking_points;
+use localize::math;
 use localize::sample::{Compass, LinePoint, Odometry};
 use localize::{At, Field, LocalizeConfig, Localizer, Mode, Pose, Stamp};
 use rand::rngs::Xoshiro256PlusPlus;
@@ -121,9 +124,9 @@ fn start(
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut localizer = base.clone();
     let mut within = |half: f32| rng.random_range(-half..half);
-    let (mut x, mut y, mut theta) = (within(8.0), within(5.0), within(3.14));
+    let (mut x, mut y, mut theta) = (within(8.0), within(5.0), within(PI));
     let mut goal = [within(7.0), within(5.0)];
-    let hidden_from = within(3.14);
+    let hidden_from = within(PI);
     let (mut is_wrong, mut was_wrong, mut tracked_at) = (false, false, None);
     for image in 0..images {
         let stamp = Stamp::from_seconds(f64::from(image as f32 / RATE));
@@ -132,10 +135,10 @@ fn start(
             _ if conditions.speed == 0.0 => (0.0, 0.0, 0.0),
             _ => {
                 let step = conditions.speed / RATE;
-                if (goal[0] - x).hypot(goal[1] - y) < 0.3 {
+                if math::hypot(goal[0] - x, goal[1] - y) < 0.3 {
                     goal = [rng.random_range(-7.0..7.0), rng.random_range(-5.0..5.0)];
                 }
-                let distance = (goal[0] - x).hypot(goal[1] - y);
+                let distance = math::hypot(goal[0] - x, goal[1] - y);
                 (
                     step * (goal[0] - x) / distance,
                     step * (goal[1] - y) / distance,
@@ -143,7 +146,7 @@ fn start(
                 )
             }
         };
-        let (sin, cos) = theta.sin_cos();
+        let (sin, cos) = math::sin_cos(theta);
         let mut noisy = |value: f32| 1.01 * value + 0.0005 * normal(&mut rng);
         let odometry = Odometry {
             stamp,
@@ -169,7 +172,7 @@ fn start(
             is_wrong = false;
             continue;
         };
-        let off = |pose: Pose| (pose.x - x).hypot(pose.y - y);
+        let off = |pose: Pose| math::hypot(pose.x - x, pose.y - y);
         let half_turned = Pose::new(-pose.x, -pose.y, pose.theta);
         let error = if conditions.has_compass {
             off(pose)
@@ -198,7 +201,7 @@ fn line_points(
     hidden_from: f32,
     rng: &mut Xoshiro256PlusPlus,
 ) -> Vec<LinePoint> {
-    let (sin, cos) = theta.sin_cos();
+    let (sin, cos) = math::sin_cos(theta);
     let in_sight: Vec<[f32; 2]> = markings
         .iter()
         .map(|[mx, my]| {
@@ -208,8 +211,8 @@ fn line_points(
             ]
         })
         .filter(|[px, py]| {
-            let angle = (py.atan2(*px) - hidden_from).rem_euclid(std::f32::consts::TAU);
-            px.hypot(*py) < conditions.sight && angle >= conditions.hidden
+            let angle = (math::atan2(*py, *px) - hidden_from).rem_euclid(TAU);
+            math::hypot(*px, *py) < conditions.sight && angle >= conditions.hidden
         })
         .collect();
     let count = if in_sight.is_empty() { 0 } else { POINTS_MAX };
@@ -217,9 +220,9 @@ fn line_points(
         let at = if rng.random::<f32>() < CLUTTER_SHARE {
             let (range, angle) = (
                 rng.random_range(0.5..conditions.sight),
-                rng.random_range(-3.14..3.14_f32),
+                rng.random_range(-PI..PI),
             );
-            [range * angle.cos(), range * angle.sin()]
+            [range * math::cos(angle), range * math::sin(angle)]
         } else {
             let [px, py] = in_sight[rng.random_range(0..in_sight.len())];
             [px + POINT_STD * normal(rng), py + POINT_STD * normal(rng)]

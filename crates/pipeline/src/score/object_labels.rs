@@ -290,7 +290,7 @@ mod tests {
         let refused = |row: &str| {
             let text = format!("stamp_s,class,range_m,polygon_px\n{row}\n");
             std::fs::write(&path, text).expect("written");
-            let error = ObjectLabels::read(folder.path()).err().expect("refused");
+            let error = ObjectLabels::read(folder.path()).expect_err("refused");
             error.to_string()
         };
         let message = refused("0.1,ball,far,1:1 2:1 2:2");
@@ -304,7 +304,7 @@ mod tests {
         assert!(message.contains("line 2: stamp_s = "), "{message}");
         std::fs::remove_file(&path).expect("removed");
         std::os::unix::fs::symlink("nowhere.csv", &path).expect("a link");
-        let message = ObjectLabels::read(folder.path()).err().expect("refused");
+        let message = ObjectLabels::read(folder.path()).expect_err("refused");
         assert!(
             format!("{message:#}").contains("No such file"),
             "{message:#}"
