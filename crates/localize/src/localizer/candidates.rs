@@ -12,10 +12,8 @@ use crate::matching::{MatchStart, Matcher};
 use crate::math;
 use crate::sample::{GoalObservation, LinePoint};
 
-use super::evidence::Evidence;
-
 /// Maximum number of hypotheses.
-const CANDIDATES_MAX: usize = 32;
+const CANDIDATES_MAX: usize = 12;
 
 /// Hypotheses whose log probability is this far below the best are dropped.
 const LOG_WEIGHT_RANGE: f32 = 10.0;
@@ -23,18 +21,17 @@ const LOG_WEIGHT_RANGE: f32 = 10.0;
 /// Penalty in log probability for a hypothesis that earlier images did not support.
 const NEW_CANDIDATE_PENALTY: f32 = 3.0;
 
-/// Images after which the best hypothesis may be tracked: two images that lean far may both point to one wrong place, and hide
-/// the right one.
-const IMAGES_MIN: u32 = 3;
-
-/// A hypothesis less certain than this is not tracked, metres: its points still fit places so far apart.
-const TRACKED_STD_MAX: f32 = 0.4;
+/// Images after which the best hypothesis may be tracked, if no other pose could explain clearly more points, and else: two
+/// images that lean far may both point to one wrong place, and hide the right one.
+const IMAGES_MIN: u32 = 2;
+const DOUBTED_IMAGES_MIN: u32 = 3;
 
 #[derive(Debug, Clone)]
 struct Candidate {
     filter: PoseFilter,
     hypothesis: Hypothesis,
-    evidence: Evidence,
+    /// Log probability up to a constant.
+    log_weight: f32,
     /// Images that it was matched to.
     images: u32,
     /// Markings in view so far.
@@ -117,11 +114,18 @@ impl Candidates {
         }
     }
 
-    /// Did enough images support the best hypothesis, and do they leave one place? A robot that leans far in one image shows
-    /// its points beside the markings, and another place may then explain them better.
-    pub(super) fn best_is_confirmed(&self) -> bool {
+    /// Did enough images support the best hypothesis? A robot that leans far in one image shows its points beside the
+    /// markings, and another place may then explain them better. `margin_share`: share of the points by which another pose
+    /// is clearly better.
+    pub(super) fn best_is_confirmed(&self, margin_share: f32) -> bool {
         self.candidates.first().is_some_and(|best| {
-            best.images >= IMAGES_MIN && best.filter.position_std() < TRACKED_STD_MAX
+            let is_doubted = 1.0 - best.hypothesis.score >= margin_share;
+            best.images
+                >= if is_doubted {
+                    DOUBTED_IMAGES_MIN
+                } else {
+                    IMAGES_MIN
+                }
         })
     }
 
@@ -187,20 +191,18 @@ impl Candidates {
             if known {
                 continue;
             }
-            let tilt = hypothesis.tilt;
-            let matched = matcher.evaluate(measurements.distances, measurements.points, pose, tilt);
-            let cost = measurements.likelihood_exponent * matched.cost
-                + matcher.tilt_cost(tilt)
-                + measurements.negative_log_likelihood(pose);
-            let mut evidence = Evidence::new(pose, initial_log_weight);
-            evidence.add(pose, -cost);
+            let cost = matcher
+                .evaluate(measurements.distances, measurements.points, pose)
+                .cost;
             self.candidates.push(Candidate {
                 filter: PoseFilter::new(pose, &hypothesis.covariance, None, config, odometry_prior),
                 hypothesis: hypothesis.clone(),
                 images: 1,
                 checked: CheckedMarkings::default(),
                 advised_direction: None,
-                evidence,
+                log_weight: initial_log_weight
+                    - measurements.likelihood_exponent * cost
+                    - measurements.negative_log_likelihood(pose),
             });
         }
         self.normalize();
@@ -208,20 +210,19 @@ impl Candidates {
 
     /// Sorts, drops improbable hypotheses and computes the probabilities.
     fn normalize(&mut self) {
-        let log_weight = |candidate: &Candidate| candidate.evidence.log_weight();
         self.candidates
-            .sort_by(|a, b| log_weight(b).total_cmp(&log_weight(a)));
-        let top = self.candidates.first().map_or(0.0, log_weight);
+            .sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
+        let top = self.candidates.first().map_or(0.0, |best| best.log_weight);
         self.candidates.truncate(CANDIDATES_MAX);
         self.candidates
-            .retain(|candidate| log_weight(candidate) >= top - LOG_WEIGHT_RANGE);
+            .retain(|candidate| candidate.log_weight >= top - LOG_WEIGHT_RANGE);
         for candidate in &mut self.candidates {
-            candidate.evidence.lower_by(top);
+            candidate.log_weight -= top;
         }
-        let weights = self.candidates.iter().map(log_weight);
+        let weights = self.candidates.iter().map(|candidate| candidate.log_weight);
         let total: f32 = weights.map(math::exp).sum();
         for candidate in &mut self.candidates {
-            candidate.hypothesis.probability = math::exp(log_weight(candidate)) / total;
+            candidate.hypothesis.probability = math::exp(candidate.log_weight) / total;
         }
     }
 }
@@ -241,7 +242,6 @@ impl Candidate {
                 > measurements.negative_log_likelihood(half_turn(pose))
         {
             self.filter = self.filter.half_turned();
-            self.evidence.turn_half();
             self.checked = CheckedMarkings::default();
             self.advised_direction = None;
         }
@@ -255,11 +255,9 @@ impl Candidate {
         );
         self.filter.update(&matched, tilt_prior, config);
         self.images = self.images.saturating_add(1);
-        // The priors of pose and tilt count in full: their errors are not those of neighbouring points.
-        let cost = measurements.likelihood_exponent * matched.cost
-            + 0.5 * matched.mahalanobis_squared
+        self.log_weight -= measurements.likelihood_exponent
+            * (matched.cost + 0.5 * matched.mahalanobis_squared)
             + measurements.negative_log_likelihood(matched.pose);
-        self.evidence.add(matched.pose, -cost);
         self.hypothesis = Hypothesis::from_match(&matched);
     }
 }

@@ -131,7 +131,7 @@ impl Localizer {
         let (filter, best) = candidates.best()?;
         let half_known = self.is_decided(best) && !fold_half_turn;
         // Of a robot that moves the next images tell more. Single images are all that there is of others.
-        let is_confirmed = self.last_odometry.is_none() || candidates.best_is_confirmed();
+        let is_confirmed = self.last_odometry.is_none() || self.is_confirmed(candidates);
         let mut covariance = candidates.covariance();
         if !is_confirmed {
             let share = self.config.mode.decision_probability;
@@ -154,6 +154,11 @@ impl Localizer {
     /// Is this hypothesis probable enough to be tracked?
     pub(super) fn is_decided(&self, best: &Hypothesis) -> bool {
         best.probability >= self.config.mode.decision_probability
+    }
+
+    /// Did enough images support the best candidate?
+    pub(super) fn is_confirmed(&self, candidates: &Candidates) -> bool {
+        candidates.best_is_confirmed(self.config.mode.alternative_margin_share)
     }
 
     /// Estimate without a pose: the covariance is that of a uniform distribution over the field.
