@@ -12,8 +12,10 @@ use crate::matching::{MatchStart, Matcher};
 use crate::math;
 use crate::sample::{GoalObservation, LinePoint};
 
+use super::evidence::Evidence;
+
 /// Maximum number of hypotheses.
-const CANDIDATES_MAX: usize = 12;
+const CANDIDATES_MAX: usize = 32;
 
 /// Hypotheses whose log probability is this far below the best are dropped.
 const LOG_WEIGHT_RANGE: f32 = 10.0;
@@ -26,12 +28,14 @@ const NEW_CANDIDATE_PENALTY: f32 = 3.0;
 const IMAGES_MIN: u32 = 2;
 const DOUBTED_IMAGES_MIN: u32 = 3;
 
+/// A hypothesis less certain than this is not tracked, metres: its points still fit places so far apart.
+const TRACKED_STD_MAX: f32 = 0.4;
+
 #[derive(Debug, Clone)]
 struct Candidate {
     filter: PoseFilter,
     hypothesis: Hypothesis,
-    /// Log probability up to a constant.
-    log_weight: f32,
+    evidence: Evidence,
     /// Images that it was matched to.
     images: u32,
     /// Markings in view so far.
@@ -114,18 +118,18 @@ impl Candidates {
         }
     }
 
-    /// Did enough images support the best hypothesis? A robot that leans far in one image shows its points beside the
-    /// markings, and another place may then explain them better. `margin_share`: share of the points by which another pose
-    /// is clearly better.
+    /// Did enough images support the best hypothesis, and do they leave one place? A robot that leans far in one image shows
+    /// its points beside the markings, and another place may then explain them better. `margin_share`: share of the points
+    /// by which another pose is clearly better.
     pub(super) fn best_is_confirmed(&self, margin_share: f32) -> bool {
         self.candidates.first().is_some_and(|best| {
             let is_doubted = 1.0 - best.hypothesis.score >= margin_share;
-            best.images
-                >= if is_doubted {
-                    DOUBTED_IMAGES_MIN
-                } else {
-                    IMAGES_MIN
-                }
+            let images_min = if is_doubted {
+                DOUBTED_IMAGES_MIN
+            } else {
+                IMAGES_MIN
+            };
+            best.images >= images_min && best.filter.position_std() < TRACKED_STD_MAX
         })
     }
 
@@ -191,18 +195,20 @@ impl Candidates {
             if known {
                 continue;
             }
-            let cost = matcher
-                .evaluate(measurements.distances, measurements.points, pose)
-                .cost;
+            let tilt = hypothesis.tilt;
+            let matched = matcher.evaluate(measurements.distances, measurements.points, pose, tilt);
+            let cost = measurements.likelihood_exponent * matched.cost
+                + matcher.tilt_cost(tilt)
+                + measurements.negative_log_likelihood(pose);
+            let mut evidence = Evidence::new(pose, initial_log_weight);
+            evidence.add(pose, -cost);
             self.candidates.push(Candidate {
                 filter: PoseFilter::new(pose, &hypothesis.covariance, None, config, odometry_prior),
                 hypothesis: hypothesis.clone(),
                 images: 1,
                 checked: CheckedMarkings::default(),
                 advised_direction: None,
-                log_weight: initial_log_weight
-                    - measurements.likelihood_exponent * cost
-                    - measurements.negative_log_likelihood(pose),
+                evidence,
             });
         }
         self.normalize();
@@ -210,19 +216,20 @@ impl Candidates {
 
     /// Sorts, drops improbable hypotheses and computes the probabilities.
     fn normalize(&mut self) {
+        let log_weight = |candidate: &Candidate| candidate.evidence.log_weight();
         self.candidates
-            .sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
-        let top = self.candidates.first().map_or(0.0, |best| best.log_weight);
+            .sort_by(|a, b| log_weight(b).total_cmp(&log_weight(a)));
+        let top = self.candidates.first().map_or(0.0, log_weight);
         self.candidates.truncate(CANDIDATES_MAX);
         self.candidates
-            .retain(|candidate| candidate.log_weight >= top - LOG_WEIGHT_RANGE);
+            .retain(|candidate| log_weight(candidate) >= top - LOG_WEIGHT_RANGE);
         for candidate in &mut self.candidates {
-            candidate.log_weight -= top;
+            candidate.evidence.lower_by(top);
         }
-        let weights = self.candidates.iter().map(|candidate| candidate.log_weight);
+        let weights = self.candidates.iter().map(log_weight);
         let total: f32 = weights.map(math::exp).sum();
         for candidate in &mut self.candidates {
-            candidate.hypothesis.probability = math::exp(candidate.log_weight) / total;
+            candidate.hypothesis.probability = math::exp(log_weight(candidate)) / total;
         }
     }
 }
@@ -242,6 +249,7 @@ impl Candidate {
                 > measurements.negative_log_likelihood(half_turn(pose))
         {
             self.filter = self.filter.half_turned();
+            self.evidence.turn_half();
             self.checked = CheckedMarkings::default();
             self.advised_direction = None;
         }
@@ -255,9 +263,11 @@ impl Candidate {
         );
         self.filter.update(&matched, tilt_prior, config);
         self.images = self.images.saturating_add(1);
-        self.log_weight -= measurements.likelihood_exponent
-            * (matched.cost + 0.5 * matched.mahalanobis_squared)
+        // The priors of pose and tilt count in full: their errors are not those of neighbouring points.
+        let cost = measurements.likelihood_exponent * matched.cost
+            + 0.5 * matched.mahalanobis_squared
             + measurements.negative_log_likelihood(matched.pose);
+        self.evidence.add(matched.pose, -cost);
         self.hypothesis = Hypothesis::from_match(&matched);
     }
 }

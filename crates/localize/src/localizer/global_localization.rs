@@ -3,10 +3,11 @@
 use super::Localizer;
 use super::candidates::{Candidates, ImageMeasurements};
 use super::field_half::HalfEvidence;
+use super::supported_points::supported_points;
 use crate::advice::{Advice, MotionAdvice, PointWeights};
 use crate::estimate::{Estimate, Reason};
-use crate::global_search::SearchInput;
 use crate::global_search::branch_and_bound::{CertifiedHypotheses, HeadingPrior, Hypothesis};
+use crate::global_search::{GlobalSearchMethod, SearchInput};
 use crate::math;
 use crate::sample::{GoalObservation, LinePoint};
 use crate::stamp::Stamp;
@@ -35,6 +36,15 @@ impl Localizer {
             self.keep_candidates(candidates);
             return self.lost_estimate(stamp, Reason::FewPoints, Vec::new());
         }
+        // The papers' methods take all points, as the papers do.
+        let supported;
+        let points = match self.config.global_search.method {
+            GlobalSearchMethod::Exact => {
+                supported = supported_points(points);
+                &supported
+            }
+            _ => points,
+        };
         let heading_prior = self.heading_prior(stamp);
         let input = SearchInput {
             distances: &self.distance_field,

@@ -6,6 +6,7 @@
 
 mod candidates;
 mod cooperative_config;
+mod evidence;
 mod field_half;
 mod fit_monitor;
 mod global_check;
@@ -18,6 +19,7 @@ mod motion_inputs;
 mod output;
 mod own_motion;
 mod state;
+mod supported_points;
 mod team_sightings;
 mod tilt_bias;
 mod tilt_compensation;

@@ -164,9 +164,9 @@ impl Localizer {
                 .filter
                 .update_pose(pose, &covariance, &self.config.filter);
         }
-        let matched = self
-            .matcher
-            .evaluate(&self.distance_field, points, track.filter.pose());
+        let matched =
+            self.matcher
+                .evaluate(&self.distance_field, points, track.filter.pose(), [0.0; 2]);
         self.check_thresholds(stamp, track, suspicion, &matched)
     }
 

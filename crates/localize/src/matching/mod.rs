@@ -170,6 +170,11 @@ impl Matcher {
         self.config.tilt_std_deg.to_radians().max(1e-5)
     }
 
+    /// Negative log probability of a tilt by its prior, up to a constant.
+    pub(crate) fn tilt_cost(&self, tilt: [f32; 2]) -> f32 {
+        0.5 * self.tilt_information() * tilt.iter().map(|angle| angle * angle).sum::<f32>()
+    }
+
     /// Matches `points` (finite; robot frame) from `start`, whose error is about `start_error` metres.
     ///
     /// The kernel scale starts at `start_error` and shrinks to that of the points, so that a start a few decimetres off
@@ -234,17 +239,18 @@ impl Matcher {
         self.summarize(&sums, &state, steps)
     }
 
-    /// The quality of a given pose, without minimisation.
+    /// The quality of a given pose and tilt (radians), without minimisation.
     pub fn evaluate(
         &mut self,
         distances: &DistanceField,
         points: &[LinePoint],
         pose: Pose,
+        [a, b]: [f32; 2],
     ) -> Match {
         let information = self.uninformative_prior();
         self.repetition = self.repeated.repetition().image_factor();
         self.prepare(points, PosePrior { pose, information });
-        let state = Vector5::from([pose.x, pose.y, pose.theta, 0.0, 0.0]);
+        let state = Vector5::from([pose.x, pose.y, pose.theta, a, b]);
         let sums = self.accumulate(distances, &state, 1.0);
         self.summarize(&sums, &state, 0)
     }

@@ -60,6 +60,10 @@ pub struct MeasuredStep {
     pub poses: Tf<RobotFrame, RobotFrame>,
 }
 
+/// Exponent of the joint likelihood of a keyframe's points. Above that of a search: a wrong place bends to the points of one
+/// image, a wrong set-up must explain those of many.
+const LIKELIHOOD_EXPONENT: f32 = 0.3;
+
 /// How well a set-up explains its keyframes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Explanation {
@@ -115,12 +119,12 @@ impl FieldTables {
         }
     }
 
-    /// Negative log likelihood of a keyframe's points, tempered as in the search (their errors are correlated).
+    /// Negative log likelihood of a keyframe's points, tempered (their errors are correlated).
     fn cost(&self, keyframe: &Keyframe, score: f32) -> f32 {
         let points = keyframe.points.iter();
         let within = points.filter(|point| point.at.distance() < self.config.range_max);
         let used = within.count().min(self.config.points_max) as f32;
-        0.5 * self.kernel_squared * self.config.likelihood_exponent * used * (1.0 - score)
+        0.5 * self.kernel_squared * LIKELIHOOD_EXPONENT * used * (1.0 - score)
     }
 }
 

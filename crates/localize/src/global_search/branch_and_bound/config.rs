@@ -32,7 +32,8 @@ pub struct BranchAndBoundConfig {
     pub separation_min: f32,
     /// Difference in heading below which two close hypotheses are duplicates, degrees.
     pub separation_min_deg: f32,
-    /// Exponent of the joint likelihood of the points. Below 1, since neighbouring points are not independent.
+    /// Exponent of the joint likelihood of the points. Below 1, since the points of one marking share the errors of map and
+    /// tilt: a hundred points in rows decide like ten independent ones.
     pub likelihood_exponent: f32,
 }
 
@@ -45,13 +46,13 @@ impl Default for BranchAndBoundConfig {
             range_max: 10.0,
             kernel_scale: 0.2,
             points_max: 120,
-            hypotheses_max: 6,
+            hypotheses_max: 24,
             runner_up_share: 0.85,
-            runner_up_blocks: 600,
+            runner_up_blocks: 6000,
             certificate_blocks: 1000,
             separation_min: 0.4,
             separation_min_deg: 10.0,
-            likelihood_exponent: 0.3,
+            likelihood_exponent: 0.1,
         }
     }
 }

@@ -42,7 +42,9 @@ impl BranchAndBound {
                 0.5 * (wrap_angle(matched.pose.theta - prior.heading) / prior.std).powi(2)
             });
             ranked.push(RankedHypothesis {
-                cost: self.config.likelihood_exponent * matched.cost + heading_cost,
+                cost: self.config.likelihood_exponent * matched.cost
+                    + matcher.tilt_cost(matched.tilt)
+                    + heading_cost,
                 hypothesis: Hypothesis::from_match(&matched),
             });
         }
