@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use localize::Pose;
 use localize::estimate::Reason;
 use nalgebra::Matrix3;
 use vision::image::Image;
@@ -16,8 +17,10 @@ use crate::log::{
 };
 use crate::pipeline::Pipeline;
 use crate::recording::Recording;
+use crate::sample::{Sample, SettingsChange};
 use crate::setup::Setup;
 use crate::testing::{random_cycle, random_image, read, record, sample_recording};
+use crate::warm_start::StampedPose;
 
 #[test]
 fn recorded_cycles_read_back_bit_for_bit() {
@@ -157,15 +160,21 @@ fn a_log_without_images_exports_line_points() {
 /// Cycles during which the set-up counts as doubtful.
 const DOUBTED: std::ops::Range<usize> = 8..14;
 
-/// Records a run on the sample recording, whose set-up is doubted for some cycles, and recomputes it from the log alone.
-fn record_and_verify(images: ImageCompression) -> VerificationReport {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("a.mcap");
+/// The set-up of the sample recording, and the header of a log with it.
+fn sample_setup() -> (Setup, Header) {
     let setup = Setup::load(&sample_recording().join("robot.toml"), None).expect("a setup");
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let header = Header::new("test", None)
         .with_robot(&setup.robot, map, None)
         .expect("a header");
+    (setup, header)
+}
+
+/// Records a run on the sample recording, whose set-up is doubted for some cycles, and recomputes it from the log alone.
+fn record_and_verify(images: ImageCompression) -> VerificationReport {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let (setup, header) = sample_setup();
     let config = LogConfig {
         images,
         ..LogConfig::default()
@@ -213,4 +222,68 @@ fn localization_replays_from_line_points_without_lossless_images() {
         assert_eq!(verdict.first_difference, None);
         assert_eq!((verdict.cycles, verdict.vision_cycles), (20, 0));
     }
+}
+
+/// Cycles of the sample recording before a pipeline goes on with the log that begins with a gap.
+const BEFORE_GAP: usize = 8;
+
+/// Records the part after a gap, whose first cycle holds the state of the pipeline, moved by `shift` metres, and recomputes it.
+fn verify_after_gap(shift: f32) -> VerificationReport {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let (setup, header) = sample_setup();
+    let log_config = LogConfig {
+        images: ImageCompression::None,
+        ..LogConfig::default()
+    };
+    let mut recorder = Recorder::create(&path, &header, &setup.field, Pace::Lockstep, &log_config)
+        .expect("a recorder");
+    let config = PipelineConfig::default();
+    let mut pipeline = Pipeline::new(&setup, &config).expect("a pipeline");
+    recorder.set_next_index(BEFORE_GAP as u64);
+    let mut number = 0;
+    for sample in Recording::open(&sample_recording(), 0.04).expect("a recording") {
+        let Some(mut cycle) = pipeline.process_sample(sample) else {
+            continue;
+        };
+        number += 1;
+        if number > BEFORE_GAP {
+            let state = cycle.inputs.warm_start.as_mut();
+            if let Some(last) = state.and_then(|state| state.pose.as_mut()) {
+                let (stamp, pose, covariance) = last.parts();
+                let moved = Pose::new(pose.x + shift, pose.y, pose.theta);
+                *last = StampedPose::new(stamp, moved, &covariance);
+            }
+            recorder.record_cycle(Arc::new(cycle)).expect("taken");
+        }
+        if number == BEFORE_GAP {
+            let next = Pipeline::new(&setup, &config).expect("a pipeline");
+            let change = SettingsChange {
+                config_toml: toml::to_string(&config).expect("settings").into(),
+                warm_start: None,
+            };
+            pipeline.replace_by(next, change);
+        }
+    }
+    recorder.finish().expect("written");
+    let mut pipeline = Pipeline::new(&setup, &config).expect("a pipeline");
+    let log = LogReader::open(&path).expect("a log");
+    let verdict = verify(log, |sample| match sample {
+        Sample::Settings(change) => {
+            let next = Pipeline::new(&setup, &config).expect("a pipeline");
+            pipeline.replace_by(next, change);
+            None
+        }
+        other => pipeline.process_sample(other),
+    });
+    verdict.expect("a verdict")
+}
+
+#[test]
+fn log_after_a_gap_replays_from_its_own_state_and_from_no_other() {
+    let own = verify_after_gap(0.0);
+    assert_eq!(own.first_difference, None);
+    assert_eq!((own.cycles, own.resumed.len()), (12, 1));
+    let other = verify_after_gap(0.3);
+    assert!(other.different > 0, "{other:?}");
 }
