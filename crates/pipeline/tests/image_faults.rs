@@ -42,8 +42,17 @@ struct Outcome {
 }
 
 /// Runs a scenario whose images pass through `spoil` from `FAULT_FROM` on: the image, the one before, and its number.
-fn run(name: &str, mut spoil: impl FnMut(&mut Image, &Image, usize)) -> Result<Outcome> {
-    let simulation = Simulation::load(&scenario(name), None, Some(f64::MAX))?;
+fn run(name: &str, spoil: impl FnMut(&mut Image, &Image, usize)) -> Result<Outcome> {
+    run_seed(name, None, spoil)
+}
+
+/// The same with another seed than the scenario's.
+fn run_seed(
+    name: &str,
+    seed: Option<u64>,
+    mut spoil: impl FnMut(&mut Image, &Image, usize),
+) -> Result<Outcome> {
+    let simulation = Simulation::load(&scenario(name), seed, Some(f64::MAX))?;
     let setup = simulation.setup()?;
     let mut pipeline = Pipeline::new(&setup, &PipelineConfig::default())?;
     let mut outcome = Outcome {
@@ -217,13 +226,16 @@ fn scenarios_of_halls_raise_no_alarm() -> Result<()> {
         "hall_glare.toml",
         "hall_crowded.toml",
     ] {
-        let outcome = run(name, |_, _, _| {})?;
-        assert!(outcome.named_after.is_none(), "{name}: {}", outcome.reason);
-        assert!(
-            outcome.false_alarms.is_empty(),
-            "{name}: {:?}",
-            outcome.false_alarms
-        );
+        // With seed 13 the far ends of carpets and the feet of walls lie along the rows of many images.
+        for seed in [None, Some(13)] {
+            let outcome = run_seed(name, seed, |_, _, _| {})?;
+            assert!(outcome.named_after.is_none(), "{name}: {}", outcome.reason);
+            assert!(
+                outcome.false_alarms.is_empty(),
+                "{name}, seed {seed:?}: {:?}",
+                outcome.false_alarms
+            );
+        }
     }
     Ok(())
 }

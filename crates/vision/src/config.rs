@@ -53,7 +53,7 @@ impl Default for ImageCheckConfig {
             dark_level: 14.0,
             contrast_min: 4.0,
             bad_rows_min: 0.03,
-            seam_share_min: 0.045,
+            seam_share_min: 0.06,
         }
     }
 }

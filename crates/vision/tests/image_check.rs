@@ -145,7 +145,7 @@ fn lower_part_of_another_picture_is_named() {
     assert!(joined_count >= 10, "{joined_count} joined images");
     // The traced images of the repository are fewer and smoother than the photographs, which are not everywhere.
     let (least, of) = match joined_count > TRACED_PAIRS {
-        true => (17, 20),
+        true => (9, 10),
         false => (13, TRACED_PAIRS),
     };
     assert!(

@@ -154,8 +154,15 @@ impl SeamFinder {
         let mut around = self.differences.windows(5).enumerate();
         let seam = around.find(|(number, around)| {
             let beside = around[0].max(around[1]).max(around[3]).max(around[4]);
+            let displaced = |above: usize| displaced_difference(rows, image, read[above]);
             around[2] > DISPLACED_RATIO * beside.max(DIFFERENCE_FLOOR)
-                && is_displaced(rows, image, read[number + 2])
+                && displaced(number + 2).is_some_and(|seam| {
+                    seam.in_place > DISPLACED_LEVEL && seam.away < DISPLACED_SHARE * seam.in_place
+                })
+                // An edge that lies nearly along the rows is displaced from each row to the next.
+                && [number + 1, number + 3].into_iter().all(|above| {
+                    displaced(above).is_none_or(|beside| beside.away >= beside.in_place)
+                })
         });
         seam.map(|(number, _)| read[number + 3].row)
     }
@@ -169,53 +176,65 @@ fn max_of_shifted(first: &[u8], second: &[u8], shift: usize, largest: &mut Vec<u
 }
 
 /// Counts sharp steps, of those of one edge along the row at most [`EDGE_MAX`]: a marking that lies along the rows of
-/// the image is no seam. `steps`: is the column's step sharp, and is the lower row brighter?
+/// the image is no seam. One column between two steps does not end an edge: noise hides a step, and a rod crosses it.
+/// `steps`: is the column's step sharp, and is the lower row brighter?
 fn count_by_edge(steps: impl Iterator<Item = (bool, bool)>) -> usize {
     let (mut count, mut run, mut last) = (0, 0, false);
+    let mut since_last = usize::MAX;
     for (is_sharp, brighter) in steps {
-        if !is_sharp || brighter != last {
+        since_last = since_last.saturating_add(1);
+        if !is_sharp {
+            continue;
+        }
+        if since_last > 2 || brighter != last {
             run = 0;
         }
-        run += usize::from(is_sharp);
-        count += usize::from(is_sharp && run <= EDGE_MAX);
-        last = brighter;
+        run += 1;
+        count += usize::from(run <= EDGE_MAX);
+        (last, since_last) = (brighter, 0);
     }
     count
 }
 
-/// True if the row below one continues it much better when it is displaced.
-fn is_displaced(rows: &SampledRows, image: &ImageView<'_>, above: &SampledRow) -> bool {
-    let shown = |shown: &bool| *shown;
-    let (Some(first), Some(last)) = (
-        above.ground.iter().position(shown),
-        above.ground.iter().rposition(shown),
-    ) else {
-        return false;
-    };
+/// Mean differences of two rows, brightness levels.
+#[derive(Debug, Clone, Copy)]
+struct RowDifference {
+    in_place: f32,
+    /// The least of those with the lower row displaced by three pixels or more.
+    away: f32,
+}
+
+/// How well the row below one continues it, in place and displaced. None where too little of the row shows ground.
+fn displaced_difference(
+    rows: &SampledRows,
+    image: &ImageView<'_>,
+    above: &SampledRow,
+) -> Option<RowDifference> {
+    let first = above.ground.iter().position(|shown| *shown)?;
+    let last = above.ground.iter().rposition(|shown| *shown)?;
     let columns = first * COLUMN_STEP..last * COLUMN_STEP;
     // A short row at the edge of the ground may show one object alone.
     if 2 * columns.len() < rows.size_px().0 {
-        return false;
+        return None;
     }
     let [upper, lower]: [Vec<u8>; 2] = [above.row, above.row + rows.row_step()].map(|row| {
         let level = |column| rows.level_at(image, column, row);
         columns.clone().map(level).collect()
     });
     let most = DISPLACEMENT_MAX.min(upper.len() / 3);
+    let compared = (upper.len() - 2 * most).div_ceil(2);
     // The difference over the same middle part of the upper row, for each displacement.
-    let difference = |shift: usize| -> u32 {
+    let difference = |shift: usize| -> f32 {
         let middle = &upper[most..upper.len() - most];
         let pairs = middle.iter().zip(&lower[shift..]).step_by(2);
-        pairs.map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
+        let sum: u32 = pairs.map(|(a, b)| u32::from(a.abs_diff(*b))).sum();
+        sum as f32 / compared as f32
     };
-    let in_place = difference(most);
-    let compared = (upper.len() - 2 * most).div_ceil(2);
-    if (in_place as f32) < DISPLACED_LEVEL * compared as f32 {
-        return false;
-    }
     let away = (0..=2 * most).filter(|shift| shift.abs_diff(most) >= 3);
-    let best = away.map(difference).min().unwrap_or(u32::MAX);
-    (best as f32) < DISPLACED_SHARE * in_place as f32
+    Some(RowDifference {
+        in_place: difference(most),
+        away: away.map(difference).fold(f32::INFINITY, f32::min),
+    })
 }
 
 #[cfg(test)]
@@ -247,7 +266,9 @@ mod tests {
         let marking = [(true, true); 30];
         assert_eq!(count_by_edge(marking.into_iter()), EDGE_MAX);
         let crossed = marking.map(|step| [step, step, (false, false)]);
-        assert_eq!(count_by_edge(crossed.into_iter().flatten()), 60);
+        assert_eq!(count_by_edge(crossed.into_iter().flatten()), EDGE_MAX);
+        let apart = marking.map(|step| [step, step, (false, false), (false, false)]);
+        assert_eq!(count_by_edge(apart.into_iter().flatten()), 60);
         let of_two_pictures = marking.into_iter().zip([(true, false); 30]);
         let steps = of_two_pictures.flat_map(|(up, down)| [up, down]);
         assert_eq!(count_by_edge(steps), 60);
