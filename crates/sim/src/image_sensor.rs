@@ -14,8 +14,6 @@ pub(crate) use mosaic::{Raw, demosaic_row, site_colours};
 
 /// Normal random numbers, drawn once; each row of pixels starts at a random one of them.
 const NOISE_SAMPLES: usize = 1 << 14;
-/// Longest run of rays that is shaded at once.
-pub(crate) const RUN_PIXELS: usize = 256;
 /// Steps of the linear scale up to white: in sRGB's steepest part one step changes less than one byte.
 pub(crate) const TONES: usize = 4096;
 /// Entries of the tone table: one for each `u16`, which needs no bounds check. Those beyond white are never read.

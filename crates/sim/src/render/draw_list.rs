@@ -3,14 +3,13 @@
 use localize::field::{FieldConfig, GoalColour};
 use localize::frames::{At, Pose, RobotFrame, Tf};
 
+use super::culling::{Culling, ReachMargins};
 use super::environment::Environment;
-use super::light_buffer::LightBuffer;
-use super::moving_rays::MovedRays;
-use super::rays::{RayRange, SortedRays, Tile};
+use super::panels::Panel;
 use super::scene::{Scene, SceneBall};
-use super::solids::{
-    DrawContext, LightDirection, Outline, Panel, Primitive, Shadow, Solid, Sphere, Underbody,
-};
+use super::shadows::{Shadow, Underbody};
+use super::solids::{LightDirection, Outline, Primitive, Solid};
+use super::spheres::Sphere;
 use crate::image_sensor::linear_from_srgb;
 use crate::light::LightConfig;
 use crate::people::Person;
@@ -28,12 +27,12 @@ const NET: [f32; 2] = [0.12, 0.008];
 
 /// All upright objects, from far to near, and the shadows on the floor.
 pub(super) struct DrawList {
-    primitives: Vec<(f32, Primitive)>,
-    shadows: Vec<Shadow>,
-    /// Ray range of each primitive, and of each shadow.
-    primitive_rays: Vec<RayRange>,
-    shadow_rays: Vec<RayRange>,
-    light_direction: LightDirection,
+    pub(super) primitives: Vec<(f32, Primitive)>,
+    pub(super) shadows: Vec<Shadow>,
+    /// The rays that may meet each primitive, and each shadow.
+    pub(super) primitive_culling: Culling,
+    pub(super) shadow_culling: Culling,
+    pub(super) light_direction: LightDirection,
 }
 
 struct DrawListBuilder<'a> {
@@ -48,7 +47,7 @@ impl DrawList {
         field: &FieldConfig,
         environment: &Environment,
         light: &LightConfig,
-        rays: &SortedRays,
+        margins: &ReachMargins,
     ) -> Self {
         let robot_from_field = scene.pose.inverse();
         let (sin, cos) = robot_from_field.theta.sin_cos();
@@ -56,8 +55,8 @@ impl DrawList {
         let draw_list = DrawList {
             primitives: Vec::new(),
             shadows: Vec::new(),
-            primitive_rays: Vec::new(),
-            shadow_rays: Vec::new(),
+            primitive_culling: Culling::default(),
+            shadow_culling: Culling::default(),
             light_direction: [cos * lx - sin * ly, sin * lx + cos * ly],
         };
         let mut builder = DrawListBuilder {
@@ -81,39 +80,12 @@ impl DrawList {
         let mut draw_list = builder.list;
         // The sort is stable: parts of one robot keep their order, from the ground up.
         draw_list.primitives.sort_by(|a, b| b.0.total_cmp(&a.0));
-        draw_list.primitive_rays = draw_list
-            .primitives
-            .iter()
-            .map(|(_, primitive)| primitive.ray_range(rays))
-            .collect();
-        draw_list.shadow_rays = draw_list
-            .shadows
-            .iter()
-            .map(|shadow| shadow.ray_range(rays))
-            .collect();
+        let primitives = draw_list.primitives.iter();
+        draw_list.primitive_culling =
+            Culling::new(primitives.map(|(_, primitive)| primitive.reach(margins)));
+        let shadows = draw_list.shadows.iter();
+        draw_list.shadow_culling = Culling::new(shadows.map(|shadow| shadow.reach(margins)));
         draw_list
-    }
-
-    /// Draws a tile: shadows on the floor, then everything from far to near.
-    pub(super) fn draw(
-        &self,
-        rays: &SortedRays,
-        tile: &Tile,
-        moved: &MovedRays,
-        light_buffer: &mut LightBuffer,
-    ) {
-        let context = DrawContext {
-            rays,
-            moved,
-            tile,
-            light_direction: self.light_direction,
-        };
-        for (shadow, range) in self.shadows.iter().zip(&self.shadow_rays) {
-            shadow.draw(range, &context, light_buffer);
-        }
-        for ((_, primitive), range) in self.primitives.iter().zip(&self.primitive_rays) {
-            primitive.draw(range, &context, light_buffer);
-        }
     }
 }
 

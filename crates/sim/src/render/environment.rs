@@ -1,33 +1,22 @@
-//! What is around the field? A environment with walls, panels and doors, and clutter.
+//! What is around the field? A hall with walls, panels and doors, and clutter.
 
 use std::f32::consts::TAU;
-use std::ops::Range;
 
 use localize::field::Field;
-use localize::frames::Pose;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::lanes::{LANES, RayLanes};
-use super::light_buffer::LightBuffer;
-use super::moving_rays::MovedRays;
-use super::rays::{BIN_SPREAD, SortedRays, Tile};
-use super::row_transform::RowTransform;
-use super::solids::{Outline, Solid, edge_coverage};
+use super::solids::{Outline, Solid};
 use crate::environment::EnvironmentConfig;
 use crate::image_sensor::{linear_from_srgb, srgb_from_linear};
 
 /// Distance between carpet and walls, metres.
 const MARGIN: f32 = 3.0;
 /// Cell size and height of the walls' texture, metres.
-const CELL: f32 = 0.08;
+pub(super) const CELL: f32 = 0.08;
 const HEIGHT: f32 = 4.0;
 /// Height of the darker skirting along the walls, metres.
 const SKIRTING: f32 = 0.4;
-/// Height of a field's own walls (the league's fields until 2001), metres.
-const FIELD_WALL: f32 = 0.5;
-/// Their sRGB colour.
-const FIELD_WALL_RGB: [u8; 3] = [206, 208, 205];
 /// Number of objects between carpet and walls.
 const CLUTTER_COUNT: usize = 26;
 
@@ -38,15 +27,15 @@ const WINDOW_RGB: [u8; 4] = [235, 245, 255, 1];
 
 /// Hall and clutter, field frame.
 pub(super) struct Environment {
-    half: [f32; 2],
+    pub(super) half: [f32; 2],
     /// sRGB colours, and 1 where there is a window: columns along the walls from the corner (+x, −y) counter-clockwise, rows upwards.
     wall_texture: Vec<[u8; 4]>,
     /// Their linear light, the last value unused.
-    wall_light: Vec<[f32; 4]>,
-    columns: usize,
-    rows: usize,
+    pub(super) wall_light: Vec<[f32; 4]>,
+    pub(super) columns: usize,
+    pub(super) rows: usize,
     /// Half extent of a field's own walls, and half the width of the goals' mouths in them.
-    field_walls: Option<([f32; 2], f32)>,
+    pub(super) field_walls: Option<([f32; 2], f32)>,
     /// Objects between carpet and walls, field frame.
     pub(super) clutter: Vec<Solid>,
 }
@@ -130,186 +119,6 @@ impl Environment {
         };
         self.wall_light = self.wall_texture.iter().map(light).collect();
     }
-
-    /// Draws the walls on every ray that meets them above the floor; branch-free for vectorisation.
-    pub(super) fn shade(
-        &self,
-        pose: Pose,
-        rays: &SortedRays,
-        tile: &Tile,
-        moved: &MovedRays,
-        light_buffer: &mut LightBuffer,
-    ) {
-        let (sin, cos) = pose.theta.sin_cos();
-        let [hx, hy] = self.half;
-        let (per_cell, most_column, most_row) = (
-            1.0 / CELL,
-            (self.columns - 1) as f32,
-            (self.rows - 1) as f32,
-        );
-        for (number, bin) in rays.bins(tile) {
-            let first = first_ray_above_floor(pose, rays, (number, &bin), self.half);
-            let run = first..bin.end;
-            let ray = moved.run(rays, &run);
-            let mut light = light_buffer.lanes(&run);
-            for group in 0..ray.groups() {
-                let RayLanes {
-                    origin,
-                    direction,
-                    slope,
-                    slope_spacing,
-                    ..
-                } = ray.lanes(group);
-                let mask = ray.mask(group);
-                let (mut cell, mut covered) = ([0u32; LANES], [0.0; LANES]);
-                for i in 0..LANES {
-                    let (ox, oy) = (origin[0][i], origin[1][i]);
-                    let (from_x, from_y) = (
-                        cos.mul_add(ox, (-sin).mul_add(oy, pose.x)),
-                        sin.mul_add(ox, cos.mul_add(oy, pose.y)),
-                    );
-                    let (tx, ty) = (direction[0][i], direction[1][i]);
-                    let (to_x, to_y) = (cos.mul_add(tx, -sin * ty), sin.mul_add(tx, cos * ty));
-                    let distance_x = distance_to_wall(hx, from_x, to_x);
-                    let distance_y = distance_to_wall(hy, from_y, to_y);
-                    let distance = distance_x.min(distance_y).max(1e-3);
-                    let z = slope[i].mul_add(distance, origin[2][i]);
-                    covered[i] =
-                        mask[i] * edge_coverage(z, distance.mul_add(slope_spacing[i], 1e-3));
-                    // Along the walls, counter-clockwise from the corner (+x, −y).
-                    let (x, y) = (
-                        distance.mul_add(to_x, from_x),
-                        distance.mul_add(to_y, from_y),
-                    );
-                    let side = if to_x > 0.0 {
-                        y + hy
-                    } else {
-                        2.0 * hx + 3.0 * hy - y
-                    };
-                    let end = if to_y > 0.0 {
-                        2.0 * hy + hx - x
-                    } else {
-                        3.0 * hx + 4.0 * hy + x
-                    };
-                    let along = if distance_x < distance_y { side } else { end };
-                    let column = (along * per_cell).clamp(0.0, most_column);
-                    let row = (z * per_cell).clamp(0.0, most_row);
-                    cell[i] = floor_to_u32(row) * self.columns as u32 + floor_to_u32(column);
-                }
-                let mut colours = [[0f32; LANES]; 3];
-                for i in 0..LANES {
-                    let colour = self.wall_light[cell[i] as usize];
-                    for k in 0..3 {
-                        colours[k][i] = colour[k];
-                    }
-                }
-                for (plane, colours) in light.iter_mut().zip(&colours) {
-                    let light = &mut plane[group];
-                    for i in 0..LANES {
-                        light[i] = covered[i].mul_add(colours[i] - light[i], light[i]);
-                    }
-                }
-            }
-        }
-        if let Some((half, mouth)) = self.field_walls {
-            draw_field_walls(pose, half, mouth, (rays, tile, moved), light_buffer);
-        }
-    }
-}
-
-/// Draws the field's own walls, white and open at the goals' mouths.
-fn draw_field_walls(
-    pose: Pose,
-    [hx, hy]: [f32; 2],
-    mouth: f32,
-    (rays, tile, moved): (&SortedRays, &Tile, &MovedRays),
-    light_buffer: &mut LightBuffer,
-) {
-    let (sin, cos) = pose.theta.sin_cos();
-    let white = FIELD_WALL_RGB.map(linear_from_srgb);
-    for (number, bin) in rays.bins(tile) {
-        let run = first_ray_above_floor(pose, rays, (number, &bin), [hx, hy])..bin.end;
-        let moved = moved.run(rays, &run);
-        let origin = moved.origin.map(|of| of.as_flattened());
-        let direction = moved.direction.map(|of| of.as_flattened());
-        let slope = moved.slope.as_flattened();
-        let slope_spacing = moved.slope_spacing.as_flattened();
-        let [red, green, blue] = light_buffer.planes(&run);
-        for i in 0..run.len() {
-            let (ox, oy) = (origin[0][i], origin[1][i]);
-            let (from_x, from_y) = (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
-            let (tx, ty) = (direction[0][i], direction[1][i]);
-            let (to_x, to_y) = (cos * tx - sin * ty, sin * tx + cos * ty);
-            let (distance_x, distance_y) = (
-                distance_to_wall(hx, from_x, to_x),
-                distance_to_wall(hy, from_y, to_y),
-            );
-            let distance = distance_x.min(distance_y).max(1e-3);
-            let closed = if distance_x < distance_y && (from_y + distance * to_y).abs() < mouth {
-                0.0
-            } else {
-                1.0
-            };
-            let z = origin[2][i] + slope[i] * distance;
-            let width = distance * slope_spacing[i] + 1e-3;
-            let covered = closed * edge_coverage(z, width) * edge_coverage(FIELD_WALL - z, width);
-            // The walls along y get slightly less light.
-            let facing = if distance_x < distance_y { 1.0 } else { 0.9 };
-            red[i] += covered * (white[0] * facing - red[i]);
-            green[i] += covered * (white[1] * facing - green[i]);
-            blue[i] += covered * (white[2] * facing - blue[i]);
-        }
-    }
-}
-
-/// The integer part of a number from 0 to 4 million, without the checks of a cast.
-#[inline(always)]
-fn floor_to_u32(number: f32) -> u32 {
-    (number - 0.5 + 12_582_912.0).max(12_582_912.0).to_bits() & 0x3f_ffff
-}
-
-/// Distance to the wall at ± half along one axis, from inside.
-#[inline(always)]
-fn distance_to_wall(half: f32, from: f32, rate: f32) -> f32 {
-    (half.copysign(rate) - from)
-        / if rate.abs() < 1e-6 {
-            1e-6f32.copysign(rate)
-        } else {
-            rate
-        }
-}
-
-/// The first ray of a bin that may meet a wall above the floor; those before it are too steep.
-fn first_ray_above_floor(
-    pose: Pose,
-    rays: &SortedRays,
-    (number, bin): (usize, &Range<usize>),
-    half: [f32; 2],
-) -> usize {
-    let (sin, cos) = pose.theta.sin_cos();
-    let RowTransform {
-        angle_max,
-        shift_max,
-        ..
-    } = rays.transform;
-    let [tx, ty] = rays.bin_direction(number);
-    let (tx, ty) = (cos * tx - sin * ty, sin * tx + cos * ty);
-    // Tilt turns the azimuth of a ray that meets a wall, which is nearly level, by less than its angle.
-    let spread = BIN_SPREAD + angle_max;
-    let nearest = [-spread, spread]
-        .map(|turn| {
-            let (tx, ty) = (tx - turn * ty, ty + turn * tx);
-            let distance_x = distance_to_wall(half[0], pose.x, tx);
-            distance_x.min(distance_to_wall(half[1], pose.y, ty))
-        })
-        .into_iter()
-        .fold(f32::MAX, f32::min);
-    // Margin for origins off the axis and the motion during the image.
-    let near = (0.998 * nearest - 2.0 * rays.origin_radius_max - shift_max).max(0.05);
-    let lifted = angle_max * (rays.origin_radius_max + angle_max * rays.origin_height_max);
-    let level = -(rays.origin_height_max + lifted) / near;
-    let steepest = rays.steepest(number, level - rays.reach_below(level) - 1e-3 / near);
-    bin.start + rays.slope[bin.clone()].partition_point(|&slope| slope < steepest)
 }
 
 /// Random people, boxes and poles between carpet and walls.

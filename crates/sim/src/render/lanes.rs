@@ -1,78 +1,74 @@
-//! How are rays passed to the loops that draw? In groups of a vector's width, so that none are left for a scalar loop.
+//! How are rays passed to the loops that draw? In rows of a vector's width, so that none are left for a scalar loop.
 
-use std::ops::Range;
+use wide::f32x8;
 
-/// Rays of one vector. Loops over runs go on to a multiple of it, so that none are left for a slow scalar loop.
+/// Rays of one vector: a row of a block.
 pub(super) const LANES: usize = 8;
 
-/// Components of rays, `LANES` at a time.
+/// A value for each pixel of a block's row.
 pub(super) type Lanes = [f32; LANES];
 
-/// A run of rays up to a multiple of `LANES`. The rays beyond the run are of no meaning.
-#[derive(Clone, Copy)]
-pub(super) struct RayRun<'a> {
-    /// Rays of the run itself.
-    pub(super) count: usize,
-    pub(super) origin: [&'a [Lanes]; 3],
-    pub(super) direction: [&'a [Lanes]; 2],
-    pub(super) slope: &'a [Lanes],
-    pub(super) azimuth_spacing: &'a [Lanes],
-    pub(super) slope_spacing: &'a [Lanes],
-}
+/// A value for each pixel of a block of `LANES` × `LANES` pixels, row by row.
+pub(super) type BlockValues = [Lanes; LANES];
 
-/// `LANES` rays of a run.
-#[derive(Clone, Copy)]
-pub(super) struct RayLanes<'a> {
-    pub(super) origin: [&'a Lanes; 3],
-    pub(super) direction: [&'a Lanes; 2],
-    pub(super) slope: &'a Lanes,
-    pub(super) azimuth_spacing: &'a Lanes,
-    pub(super) slope_spacing: &'a Lanes,
-}
+/// Linear light of a block, one plane per colour.
+pub(super) type BlockLight = [BlockValues; 3];
 
-impl<'a> RayRun<'a> {
-    /// Number of groups of `LANES` rays.
-    pub(super) fn groups(&self) -> usize {
-        self.slope.len()
-    }
+/// A row as a vector, for loops that the compiler turns into shuffles.
+pub(super) type Vector = f32x8;
 
-    #[inline(always)]
-    pub(super) fn lanes(&self, group: usize) -> RayLanes<'a> {
-        RayLanes {
-            origin: self.origin.map(|of| &of[group]),
-            direction: self.direction.map(|of| &of[group]),
-            slope: &self.slope[group],
-            azimuth_spacing: &self.azimuth_spacing[group],
-            slope_spacing: &self.slope_spacing[group],
-        }
-    }
-
-    /// 1 for each ray of a group that belongs to the run, else 0.
-    #[inline(always)]
-    pub(super) fn mask(&self, group: usize) -> Lanes {
-        lane_mask(self.count, group)
-    }
-}
-
-/// 1 for each of a group's lanes that is among the first `count` ones of a run, else 0.
+/// All lanes of a value.
 #[inline(always)]
-pub(super) fn lane_mask(count: usize, group: usize) -> Lanes {
-    const MASKS: [f32; 2 * LANES] = {
-        let mut masks = [0.0; 2 * LANES];
-        let mut lane = 0;
-        while lane < LANES {
-            masks[lane] = 1.0;
-            lane += 1;
-        }
-        masks
-    };
-    let left = count.saturating_sub(group * LANES).min(LANES);
-    let mut mask = [0.0; LANES];
-    mask.copy_from_slice(&MASKS[LANES - left..2 * LANES - left]);
-    mask
+pub(super) fn splat(value: f32) -> Vector {
+    Vector::splat(value)
 }
 
-/// A run that goes on to a multiple of `LANES`.
-pub(super) fn padded(run: &Range<usize>) -> Range<usize> {
-    run.start..run.start + run.len().next_multiple_of(LANES)
+/// A share limited to 0 to 1.
+#[inline(always)]
+pub(super) fn shares(of: Vector) -> Vector {
+    of.fast_max(splat(0.0)).fast_min(splat(1.0))
+}
+
+/// The larger of two numbers. A single instruction, since a NaN is not treated as by `max`.
+#[inline(always)]
+pub(super) fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The smaller of two numbers, as `larger`.
+#[inline(always)]
+pub(super) fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// A share limited to 0 to 1.
+#[inline(always)]
+pub(super) fn share(of: f32) -> f32 {
+    smaller(larger(of, 0.0), 1.0)
+}
+
+/// Share of a pixel of width `width` on the inner side of an edge at distance `inside` from its centre.
+#[inline(always)]
+pub(super) fn edge_coverage(inside: f32, width: f32) -> f32 {
+    share(inside / width + 0.5)
+}
+
+/// True if a lane is above 0.
+#[inline(always)]
+pub(super) fn any_positive(lanes: &Lanes) -> bool {
+    let mut most = [0.0; LANES / 2];
+    for i in 0..LANES / 2 {
+        most[i] = larger(lanes[i], lanes[i + LANES / 2]);
+    }
+    larger(larger(most[0], most[1]), larger(most[2], most[3])) > 0.0
+}
+
+/// Blends a colour into the light of a block's row with weights `part`.
+#[inline(always)]
+pub(super) fn blend(light: &mut BlockLight, row: usize, part: &Lanes, colour: [f32; 3]) {
+    for (plane, colour) in light.iter_mut().zip(colour) {
+        for (light, part) in plane[row].iter_mut().zip(part) {
+            *light = part.mul_add(colour - *light, *light);
+        }
+    }
 }

@@ -1,21 +1,33 @@
 //! What does the camera see? Traces every pixel's ray through the mirror, as it is really mounted, into the scene.
 
+mod blocks;
 mod cables;
+mod culling;
+mod development;
 mod draw_list;
 mod environment;
-mod ground;
+mod floor;
+mod floor_light;
+mod image;
 mod lanes;
-mod light_buffer;
-mod markings;
+mod lattice;
 mod motion_blur;
 mod moving_rays;
 mod own_body;
-mod rays;
+mod paint;
+mod panels;
 mod row_transform;
 mod scatter;
 mod scene;
-mod slope_reach;
+mod shadows;
 mod solids;
+mod spacing;
+mod spheres;
+mod stroke_grid;
+mod strokes;
+mod walls;
+
+use std::ops::Range;
 
 use localize::field::Field;
 use localize::robot::BodyConfig;
@@ -30,22 +42,23 @@ pub(crate) use row_transform::level_from_body;
 pub use scene::{Scene, SceneBall};
 
 use crate::environment::EnvironmentConfig;
-use crate::image_sensor::{
-    ImageSensor, ImageSensorConfig, JpegCompression, Pcg, Raw, SiteGains, TONES, demosaic_row,
-    site_colours,
-};
+use crate::image_sensor::ImageSensorConfig;
 use crate::light::LightConfig;
 use crate::sector::Sector;
+use blocks::Blocks;
+use culling::ReachMargins;
+use development::Development;
 use draw_list::DrawList;
 use environment::Environment;
-use ground::{Ground, Scratch};
-use light_buffer::LightBuffer;
-use motion_blur::{LightPixel, MotionBlur};
-use moving_rays::MovedRays;
+use floor::{Floor, FloorView};
+use floor_light::FloorLight;
+use image::{LightImage, hood};
+use lanes::LANES;
+use lattice::Lattice;
+use motion_blur::MotionBlur;
+use moving_rays::MovedBlock;
 use own_body::OwnBody;
-use rays::SortedRays;
 use row_transform::RowTransform;
-use scatter::Scatter;
 
 /// Everything that is constant: optics, field, environment, and light on the floor.
 #[derive(Debug, Clone, Copy)]
@@ -70,34 +83,23 @@ pub struct RendererConfig<'a> {
     pub seed: u64,
 }
 
-/// Linear light outside the mirror, where the camera's hood is.
-const HOOD: [f32; 3] = [0.0005, 0.0010, 0.0035];
-
-/// A pixel that shows the hood.
-fn hood() -> LightPixel {
-    let [red, green, blue] = HOOD.map(tones);
-    [red, green, blue, 0]
-}
-
 /// Renders images of one camera on one field.
 pub struct Renderer {
-    width_px: usize,
-    height_px: usize,
-    rays: SortedRays,
-    ground: Ground,
+    size_px: [usize; 2],
+    blocks: Blocks,
+    lattice: Lattice,
+    floor: Floor,
+    floor_light: FloorLight,
     environment: Environment,
-    own: OwnBody,
-    motion_blur: MotionBlur,
-    floor_light: LightConfig,
+    light: LightConfig,
     field: localize::field::FieldConfig,
-    light_buffer: LightBuffer,
-    moved: MovedRays,
-    scratch: Scratch,
-    /// Linear light of one tile, by ray.
-    tile_light: Vec<LightPixel>,
-    /// Linear light of the scene, and smeared by motion.
-    sharp: Vec<LightPixel>,
-    blurred: Vec<LightPixel>,
+    moved: MovedBlock,
+    /// Objects that the current block may see.
+    found: Vec<u32>,
+    /// Light of the scene.
+    image: LightImage,
+    /// Pixels without a ray in blocks that have rays.
+    rim: Vec<Range<usize>>,
     development: Development,
 }
 
@@ -111,7 +113,9 @@ impl Renderer {
         let rim = camera
             .outer_radius_px
             .unwrap_or(width_px.min(height_px) as f32 / 2.0);
-        let rays = SortedRays::new(&table, |pixel| {
+        let lattice = Lattice::new(&table);
+        let view = |column: usize, row: usize| lattice.rest_view(column, row);
+        let blocks = Blocks::new(&table, view, |pixel| {
             let (column, row) = ((pixel % width_px) as f32, (pixel / width_px) as f32);
             let radius = (column - centre_u).hypot(row - centre_v);
             config.image_sensor.blur_at(radius / rim)
@@ -123,279 +127,138 @@ impl Renderer {
         let mut cable_rng = ChaCha8Rng::seed_from_u64(config.seed);
         cable_rng.set_stream(4);
         let cables = cables::lay_cables(config.environment, [half_x, half_y], &mut cable_rng);
-        let ground = Ground::new(
-            &rays,
-            config.field,
-            config.light,
-            (config.environment, &cables),
-        );
-        let tile_sizes = rays.tiles.iter().map(|tile| tile.rays.len());
-        let rays_max = tile_sizes.max().unwrap_or(0);
-        // Nothing else writes the pixels outside the mirror.
+        let camera_height = camera.height.unwrap_or(0.0);
+        let own = OwnBody::new(config.body, camera_height, &blocks, &lattice, height_px);
+        let image = LightImage::new(width_px, height_px);
         Ok(Renderer {
-            width_px,
-            height_px,
-            own: OwnBody::new(config.body, camera.height.unwrap_or(0.0), &rays),
-            motion_blur: MotionBlur::new(&table),
-            floor_light: config.light.clone(),
+            size_px: [width_px, height_px],
+            lattice,
+            floor: Floor::new(config.field, config.environment.floor_rgb, &cables),
+            floor_light: FloorLight::new(config.field, config.light, config.environment),
+            light: config.light.clone(),
             field: config.field.config.clone(),
-            light_buffer: LightBuffer::new(rays_max),
-            moved: MovedRays::new(rays_max),
-            scratch: Scratch::new(),
-            tile_light: vec![[0; 4]; rays_max],
-            sharp: vec![hood(); width_px * height_px],
-            blurred: Vec::new(),
-            development: Development::new(width_px, height_px, &mut rng),
-            rays,
-            ground,
+            moved: MovedBlock::new(),
+            found: Vec::new(),
+            rim: blocks.rim(image.stride),
+            image,
+            development: Development::new(
+                [width_px, height_px],
+                MotionBlur::new(&table),
+                own,
+                blocks.blank.clone(),
+                &mut rng,
+            ),
+            blocks,
             environment,
         })
     }
 
     /// Columns and rows of the image.
     pub fn size_px(&self) -> (usize, usize) {
-        (self.width_px, self.height_px)
+        (self.size_px[0], self.size_px[1])
     }
 
     /// Renders into `rgb`: three bytes per pixel, row by row.
     pub fn render(&mut self, scene: &Scene, image_sensor: &ImageSensorConfig, rgb: &mut Vec<u8>) {
-        rgb.resize(3 * self.width_px * self.height_px, 0);
+        rgb.resize(3 * self.size_px[0] * self.size_px[1], 0);
         let (pixels, _) = rgb.as_chunks_mut::<3>();
         self.draw_scene(scene);
-        let smeared = self
-            .motion_blur
-            .apply(&scene.motion, &self.sharp, &mut self.blurred);
-        let image = if smeared {
-            // The rim moves with the camera: nothing smears over it.
-            for run in &self.rays.blank {
-                self.blurred[run.clone()].fill(hood());
-            }
-            &mut self.blurred
-        } else {
-            &mut self.sharp
-        };
-        self.own.draw(image);
+        self.development.clear_occluded();
         for sector in scene.occluded_sectors {
-            draw_occlusion(sector, &self.rays, image);
+            self.occlude(sector);
         }
-        self.development
-            .develop(image_sensor, scene.light_colour, image, pixels);
+        for run in &self.rim {
+            self.image.fill(run.clone(), hood());
+        }
+        self.development.develop(
+            &self.image,
+            &scene.motion,
+            image_sensor,
+            scene.light_colour,
+            pixels,
+        );
     }
 
-    /// The linear light of each pixel.
+    /// Draws the light of each block.
     fn draw_scene(&mut self, scene: &Scene) {
-        self.rays.transform = RowTransform::new(&scene.motion, self.rays.origin_height_max);
-        let draw_list = DrawList::new(
-            scene,
-            &self.field,
-            &self.environment,
-            &self.floor_light,
-            &self.rays,
-        );
+        let pose = scene.pose;
+        let origins = &self.blocks.origins;
+        let transform = RowTransform::new(&scene.motion, origins.height_max);
+        let margins = ReachMargins::new(origins, &transform);
+        let draw_list = DrawList::new(scene, &self.field, &self.environment, &self.light, &margins);
+        self.lattice.update(&transform, pose, &self.floor_light);
         let Renderer {
-            rays,
-            ground,
-            light_buffer,
+            lattice,
+            floor,
+            environment,
             moved,
-            scratch,
+            found,
             ..
         } = self;
-        for (index, tile) in rays.tiles.iter().enumerate() {
-            light_buffer.set_tile(tile);
-            moved.set_tile(rays, tile, &rays.transform);
-            ground.shade(scene.pose, index, tile, moved, scratch, light_buffer);
-            self.environment
-                .shade(scene.pose, rays, tile, moved, light_buffer);
-            draw_list.draw(rays, tile, moved, light_buffer);
-            let [red, green, blue] = light_buffer.planes(&tile.rays);
-            let planes = red.iter().zip(green).zip(blue);
-            for (pixel, ((red, green), blue)) in self.tile_light.iter_mut().zip(planes) {
-                *pixel = [tones(*red), tones(*green), tones(*blue), 0];
-            }
-            tile.write(&self.tile_light, &mut self.sharp);
-        }
-    }
-}
-
-/// Linear light as a fixed-point number.
-#[inline(always)]
-fn tones(light: f32) -> u16 {
-    // Adding 2²³ leaves the rounded value in the lowest bits, without the NaN check of a cast.
-    ((light * TONES as f32).clamp(0.0, 65_535.0) + 8_388_608.0).to_bits() as u16
-}
-
-/// From light to bytes: scattering, exposure, mosaic, tone curve, compression.
-struct Development {
-    width_px: usize,
-    scatter: Scatter,
-    image_sensor: ImageSensor,
-    pcg: Pcg,
-    raw: Raw,
-    /// All bits set in even columns, none in odd ones.
-    even: Vec<u16>,
-    /// Squared distance from the image's centre over that of its corners, by columns and by rows.
-    falloff: [Vec<f32>; 2],
-    light_row: Vec<f32>,
-    scale_row: Vec<f32>,
-    tone_rows: [Vec<u16>; 3],
-    jpeg: Option<JpegCompression>,
-}
-
-impl Development {
-    fn new(width_px: usize, height_px: usize, rng: &mut ChaCha8Rng) -> Self {
-        let (middle_u, middle_v) = (width_px as f32 / 2.0, height_px as f32 / 2.0);
-        let corner2 = middle_u * middle_u + middle_v * middle_v;
-        let falloff = |count: usize, middle: f32| {
-            (0..count)
-                .map(|pixel| (pixel as f32 - middle).powi(2) / corner2)
-                .collect()
-        };
-        Development {
-            width_px,
-            scatter: Scatter::default(),
-            image_sensor: ImageSensor::new(width_px, rng),
-            pcg: Pcg::new(rng),
-            raw: Raw::new(width_px, height_px),
-            even: (0..width_px)
-                .map(|column| if column % 2 == 0 { u16::MAX } else { 0 })
-                .collect(),
-            falloff: [falloff(width_px, middle_u), falloff(height_px, middle_v)],
-            light_row: vec![0.0; width_px],
-            scale_row: vec![0.0; width_px],
-            tone_rows: [0; 3].map(|_| vec![0; width_px]),
-            jpeg: None,
-        }
-    }
-
-    fn develop(
-        &mut self,
-        image_sensor: &ImageSensorConfig,
-        light_colour: [f32; 3],
-        image: &[LightPixel],
-        pixels: &mut [[u8; 3]],
-    ) {
-        let scattered = image_sensor.bloom + image_sensor.glare > 0.0;
-        if scattered {
-            self.scatter.update(image, self.width_px, image_sensor);
-        }
-        let width_px = self.width_px;
-        if image_sensor.bayer {
-            let gains = [0, 1]
-                .map(|row| SiteGains::new(image_sensor, light_colour, site_colours(row), width_px));
-            for (row, light) in image.chunks(width_px).enumerate() {
-                self.set_scale(image_sensor, row);
-                self.set_light(image_sensor, scattered, row, light, site_colours(row));
-                self.image_sensor.expose_row(
-                    image_sensor.haze,
-                    &gains[row % 2],
-                    &self.light_row,
-                    &self.scale_row,
-                    &mut self.pcg,
-                    self.raw.row_mut(row),
-                );
-            }
-            self.raw.fill_border();
-            for (row, pixels) in pixels.chunks_mut(width_px).enumerate() {
-                let planes = self.tone_rows.each_mut().map(|plane| &mut plane[..]);
-                demosaic_row(row, self.raw.neighbourhood(row), &self.even, planes);
-                let tones = self.tone_rows.each_ref().map(|plane| &plane[..]);
-                self.image_sensor.tone_map(tones, pixels);
-            }
-        } else {
-            let gains = [0, 1, 2]
-                .map(|colour| SiteGains::new(image_sensor, light_colour, [colour; 2], width_px));
-            let rows = image.chunks(width_px).zip(pixels.chunks_mut(width_px));
-            for (row, (light, pixels)) in rows.enumerate() {
-                self.set_scale(image_sensor, row);
-                for (colour, gains) in gains.iter().enumerate() {
-                    self.set_light(image_sensor, scattered, row, light, [colour; 2]);
-                    self.image_sensor.expose_row(
-                        image_sensor.haze,
-                        gains,
-                        &self.light_row,
-                        &self.scale_row,
-                        &mut self.pcg,
-                        &mut self.tone_rows[colour],
-                    );
+        let mut lit = [[[0.0; LANES]; LANES]; 2];
+        for (block, rays) in self.blocks.blocks.iter().zip(&self.blocks.rays) {
+            let view = lattice.view(block);
+            let [hall, field_walls] = environment.visible_walls(pose, &view, &margins);
+            let mut light = [[[0.0; LANES]; LANES]; 3];
+            moved.clear();
+            // Rays above the horizon meet a wall.
+            let sees_floor = !(hall && view.slope[0] >= 0.0);
+            if sees_floor {
+                lattice.light(block, self.floor_light.is_glossy(), &mut lit);
+                match floor.view(pose, &view) {
+                    FloorView::Bare { on_carpet } => floor.shade_bare(on_carpet, &lit, &mut light),
+                    FloorView::Edges { carpet_edge } => {
+                        let rays = moved.of(block, rays, &transform, self.size_px[1]);
+                        floor.shade_edges(pose, carpet_edge, rays, &lit, &mut light);
+                    }
                 }
-                let tones = self.tone_rows.each_ref().map(|plane| &plane[..]);
-                self.image_sensor.tone_map(tones, pixels);
             }
-        }
-        self.compress(image_sensor.jpeg_quality, pixels);
-    }
-
-    /// Vignetting of a row.
-    fn set_scale(&mut self, image_sensor: &ImageSensorConfig, row: usize) {
-        let [columns, rows] = &self.falloff;
-        for (scale, column) in self.scale_row.iter_mut().zip(columns) {
-            *scale = 1.0 - image_sensor.vignetting * (column + rows[row]);
-        }
-    }
-
-    /// Light on a row of pixels that measure `colours` in even and odd columns.
-    fn set_light(
-        &mut self,
-        image_sensor: &ImageSensorConfig,
-        scattered: bool,
-        row: usize,
-        light: &[LightPixel],
-        [even, odd]: [usize; 2],
-    ) {
-        let direct = 1.0 - image_sensor.bloom - image_sensor.glare;
-        match (even, odd) {
-            (0, 1) => extract_colours::<0, 1>(light, direct, &mut self.light_row),
-            (1, 2) => extract_colours::<1, 2>(light, direct, &mut self.light_row),
-            (0, _) => extract_colours::<0, 0>(light, direct, &mut self.light_row),
-            (1, _) => extract_colours::<1, 1>(light, direct, &mut self.light_row),
-            _ => extract_colours::<2, 2>(light, direct, &mut self.light_row),
-        }
-        if scattered {
-            self.scatter.add_to(row, [even, odd], &mut self.light_row);
+            if hall {
+                let rays = moved.of(block, rays, &transform, self.size_px[1]);
+                environment.draw_walls(pose, rays, &mut light);
+            }
+            if field_walls {
+                let rays = moved.of(block, rays, &transform, self.size_px[1]);
+                environment.draw_field_walls(pose, rays, &mut light);
+            }
+            found.clear();
+            if sees_floor {
+                draw_list.shadow_culling.find(&view, found);
+            }
+            for shadow in &*found {
+                let rays = moved.of(block, rays, &transform, self.size_px[1]);
+                draw_list.shadows[*shadow as usize].draw(rays, &mut light);
+            }
+            draw_list.primitive_culling.find(&view, found);
+            for primitive in &*found {
+                let rays = moved.of(block, rays, &transform, self.size_px[1]);
+                let (_, primitive) = &draw_list.primitives[*primitive as usize];
+                primitive.draw(rays, draw_list.light_direction, &mut light);
+            }
+            self.image.write([block.column, block.row], &light);
         }
     }
 
-    fn compress(&mut self, quality: u8, pixels: &mut [[u8; 3]]) {
-        if quality == 0 {
-            return;
-        }
-        let jpeg = match &mut self.jpeg {
-            Some(jpeg) if jpeg.quality() == quality => jpeg,
-            other => other.insert(JpegCompression::new(quality)),
-        };
-        jpeg.compress(pixels, self.width_px);
-    }
-}
-
-/// The light of a row's pixels in colour `EVEN` or `ODD`, by column.
-fn extract_colours<const EVEN: usize, const ODD: usize>(
-    light: &[LightPixel],
-    direct: f32,
-    out: &mut [f32],
-) {
-    let (pairs, rest) = light.as_chunks::<2>();
-    let (out_pairs, out_rest) = out.as_chunks_mut::<2>();
-    for (out, [even, odd]) in out_pairs.iter_mut().zip(pairs) {
-        *out = [direct * f32::from(even[EVEN]), direct * f32::from(odd[ODD])];
-    }
-    for (out, pixel) in out_rest.iter_mut().zip(rest) {
-        *out = direct * f32::from(pixel[EVEN]);
-    }
-}
-
-/// Blackens a sector.
-fn draw_occlusion(&Sector { centre, width }: &Sector, rays: &SortedRays, image: &mut [LightPixel]) {
-    let inside = (width / 2.0).min(std::f32::consts::PI).cos();
-    let (sin, cos) = centre.sin_cos();
-    let range = rays.range_of_sector(centre - width / 2.0, centre + width / 2.0);
-    for tile in &rays.tiles {
-        for ray in rays.runs_in(&range, tile).flatten() {
-            if cos * rays.direction_x[ray] + sin * rays.direction_y[ray] >= inside {
-                image[rays.pixel[ray] as usize] = hood();
+    /// Blackens a sector.
+    fn occlude(&mut self, &Sector { centre, width }: &Sector) {
+        let inside = (width / 2.0).min(std::f32::consts::PI).cos();
+        let (sin, cos) = centre.sin_cos();
+        for (block, rays) in self.blocks.blocks.iter().zip(&self.blocks.rays) {
+            let [x, y] = &rays.direction;
+            for lane in 0..LANES * LANES {
+                let (row, column) = (lane / LANES, lane % LANES);
+                if cos * x[row][column] + sin * y[row][column] >= inside {
+                    let (row, column) = (block.row * LANES + row, block.column * LANES + column);
+                    let pixel = row * self.image.stride + column;
+                    self.image.fill(pixel..pixel + 1, hood());
+                    self.development.occlude(column, row);
+                }
             }
         }
     }
 }
 
+#[cfg(test)]
+mod block_tests;
 #[cfg(test)]
 mod tests;

@@ -5,21 +5,18 @@
 
 use vision::{Ray, RayTable};
 
+use super::image::{BORDER, LightImage, SIDE as BLOCK};
 use super::row_transform::CameraMotion;
+use super::spacing::{azimuth, slope};
 
-/// Side of a block, pixels.
-const BLOCK: usize = 16;
-/// Longest flow, pixels: a robot that rotates faster than any can.
-const FLOW_MAX: f32 = 32.0;
+/// Longest flow, pixels: a robot that rotates faster than any can. Half of it stays within the image's border.
+const FLOW_MAX: f32 = 2.0 * BORDER as f32;
 /// Flow below which the image is sharp, pixels.
 const FLOW_MIN: f32 = 0.75;
 /// Distance of what rays above the horizon show, metres.
 const BACKGROUND_DISTANCE: f32 = 8.0;
 /// Distance between the pixels from which a block's derivatives are taken.
 const STENCIL: usize = 4;
-
-/// Linear light of a pixel: red, green, blue (4096 is white under light of level 1), unused.
-pub(super) type LightPixel = [u16; 4];
 
 /// The ray of a block's centre, and how far the image moves when it turns.
 #[derive(Clone, Copy)]
@@ -33,124 +30,116 @@ struct BlockRay {
 
 /// Blurs the images of one camera.
 pub(super) struct MotionBlur {
-    width_px: usize,
-    height_px: usize,
+    /// Blocks in a row.
+    columns: usize,
     /// Blocks row by row; `None` where the mirror shows nothing.
     blocks: Vec<Option<BlockRay>>,
+    /// The taps of each block in the current image.
+    taps: Vec<BlockTaps>,
+}
+
+/// Where a block takes its pixels from.
+#[derive(Debug, Clone, Copy, Default)]
+struct BlockTaps {
+    /// A power of two; 1 for the block itself.
+    count: usize,
+    /// Pixels from the first one of a row, `BORDER` rows above, to the block's run.
+    offsets: [usize; TAPS_MAX],
 }
 
 impl MotionBlur {
     pub(super) fn new(table: &RayTable) -> Self {
-        let (width_px, height_px) = (table.width_px, table.height_px);
-        let blocks = (0..height_px.div_ceil(BLOCK))
-            .flat_map(|down| (0..width_px.div_ceil(BLOCK)).map(move |across| (across, down)))
+        let (columns, rows) = (
+            table.width_px.div_ceil(BLOCK),
+            table.height_px.div_ceil(BLOCK),
+        );
+        let blocks = (0..rows)
+            .flat_map(|down| (0..columns).map(move |across| (across, down)))
             .map(|(across, down)| {
-                let column = block_start(across, width_px) + BLOCK / 2;
-                let row = block_start(down, height_px) + BLOCK / 2;
-                block_ray(table, column.min(width_px - 1), row.min(height_px - 1))
+                let column = across * BLOCK + BLOCK / 2;
+                let row = down * BLOCK + BLOCK / 2;
+                block_ray(
+                    table,
+                    column.min(table.width_px - 1),
+                    row.min(table.height_px - 1),
+                )
             })
             .collect();
         MotionBlur {
-            width_px,
-            height_px,
+            columns,
             blocks,
+            taps: Vec::new(),
         }
     }
 
-    /// Writes the blurred image to `blurred`; false, without writing, if nothing moves by as much as a pixel.
-    pub(super) fn apply(
-        &self,
-        motion: &CameraMotion,
-        sharp: &[LightPixel],
-        blurred: &mut Vec<LightPixel>,
-    ) -> bool {
-        if self.width_px < BLOCK || self.height_px < BLOCK {
-            return false;
-        }
-        let flows: Vec<[f32; 2]> = self
-            .blocks
-            .iter()
-            .map(|block| block.map_or([0.0; 2], |block| block.flow(motion)))
-            .collect();
-        if flows.iter().all(|flow| tap_count(*flow) == 1) {
-            return false;
-        }
-        blurred.resize(sharp.len(), [0; 4]);
-        let columns = self.width_px.div_ceil(BLOCK);
-        for (index, flow) in flows.into_iter().enumerate() {
-            let left = block_start(index % columns, self.width_px);
-            let top = block_start(index / columns, self.height_px);
-            self.blur_block(left, top, flow, sharp, blurred);
-        }
-        true
+    /// Prepares an image; false if nothing moves by as much as a pixel.
+    pub(super) fn set_motion(&mut self, motion: &CameraMotion) -> bool {
+        let stride = self.columns * BLOCK;
+        self.taps.clear();
+        let blocks = self.blocks.iter().enumerate();
+        self.taps.extend(blocks.map(|(index, block)| {
+            let left = index % self.columns * BLOCK;
+            let flow = block.map_or([0.0; 2], |block| block.flow(motion));
+            BlockTaps::new(left, stride, flow)
+        }));
+        self.taps.iter().any(|taps| taps.count > 1)
     }
 
-    fn blur_block(
-        &self,
-        left: usize,
-        top: usize,
-        flow: [f32; 2],
-        sharp: &[LightPixel],
-        blurred: &mut [LightPixel],
-    ) {
-        let taps = tap_count(flow);
-        if taps == 1 {
-            for row in top..top + BLOCK {
-                let run = row * self.width_px + left..row * self.width_px + left + BLOCK;
-                blurred[run.clone()].copy_from_slice(&sharp[run]);
-            }
-            return;
-        }
-        let moved = |from: usize, by: isize, most: usize| {
-            (from as isize + by).clamp(0, most as isize) as usize
-        };
-        // Columns and rows that the taps add; `moved` keeps them within the image.
-        let offsets: [(usize, isize); TAPS_MAX] = std::array::from_fn(|tap| {
-            let part = (tap as f32 + 0.5) / taps as f32 - 0.5;
-            let [across, down] = flow.map(|pixels| (part * pixels).round() as isize);
-            (moved(left, across, self.width_px - BLOCK), down)
-        });
-        for row in top..top + BLOCK {
-            let mut runs = [&[0; 4 * BLOCK]; TAPS_MAX];
-            for (run, (column, down)) in runs[..taps].iter_mut().zip(&offsets) {
-                let from = moved(row, *down, self.height_px - 1) * self.width_px + column;
-                if let Some(pixels) = sharp[from..].as_flattened().first_chunk() {
-                    *run = pixels;
-                }
-            }
-            let to = row * self.width_px + left;
-            let Some(out) = blurred[to..].as_flattened_mut().first_chunk_mut() else {
-                continue;
+    /// A row of the blurred image in one colour.
+    pub(super) fn blur_row(&self, image: &LightImage, row: usize, colour: usize, out: &mut [u16]) {
+        let plane = image.bordered_plane(colour);
+        let first = row / BLOCK * self.columns;
+        let blocks = self.taps[first..first + self.columns].iter();
+        let above = row * image.stride;
+        for (out, taps) in out.as_chunks_mut::<BLOCK>().0.iter_mut().zip(blocks) {
+            let run = |tap: usize| -> &[u16; BLOCK] {
+                let from = above + taps.offsets[tap];
+                plane
+                    .get(from..)
+                    .and_then(|pixels| pixels.first_chunk())
+                    .unwrap_or(&[0; BLOCK])
             };
-            match taps {
-                2 => average_taps::<2>(&runs, out),
-                4 => average_taps::<4>(&runs, out),
-                8 => average_taps::<8>(&runs, out),
-                _ => average_taps::<TAPS_MAX>(&runs, out),
+            match taps.count {
+                1 => *out = *run(0),
+                2 => *out = mean(run(0), run(1)),
+                4 => *out = mean_of_4([0, 1, 2, 3].map(run)),
+                8 => *out = mean_of_8([0, 1, 2, 3, 4, 5, 6, 7].map(run)),
+                _ => {
+                    let halves = [0, 8]
+                        .map(|half| mean_of_8([0, 1, 2, 3, 4, 5, 6, 7].map(|tap| run(half + tap))));
+                    *out = mean(&halves[0], &halves[1]);
+                }
             }
         }
     }
 }
 
-/// Averages a row of a block over `TAPS` (a power of two) runs of pixels.
-fn average_taps<const TAPS: usize>(
-    runs: &[&[u16; 4 * BLOCK]; TAPS_MAX],
-    out: &mut [u16; 4 * BLOCK],
-) {
-    /// Values that are added at once, so that sums stay in registers.
-    const GROUP: usize = 16;
-    for (group, out) in out.as_chunks_mut::<GROUP>().0.iter_mut().enumerate() {
-        let mut sums = [0u32; GROUP];
-        for run in &runs[..TAPS] {
-            let run = &run.as_chunks::<GROUP>().0[group];
-            for k in 0..GROUP {
-                sums[k] += u32::from(run[k]);
-            }
-        }
-        for k in 0..GROUP {
-            out[k] = (sums[k] >> TAPS.trailing_zeros()) as u16;
-        }
+type Run = [u16; BLOCK];
+
+/// Mean of two runs of pixels, rounded up at halves.
+#[inline(always)]
+fn mean(a: &Run, b: &Run) -> Run {
+    let mut out = [0; BLOCK];
+    for k in 0..BLOCK {
+        out[k] = ((u32::from(a[k]) + u32::from(b[k]) + 1) >> 1) as u16;
     }
+    out
+}
+
+/// Mean of four runs; rounding down in the second step balances that of the first.
+#[inline(always)]
+fn mean_of_4([a, b, c, d]: [&Run; 4]) -> Run {
+    let (low, high) = (mean(a, b), mean(c, d));
+    let mut out = [0; BLOCK];
+    for k in 0..BLOCK {
+        out[k] = (low[k] & high[k]) + ((low[k] ^ high[k]) >> 1);
+    }
+    out
+}
+
+#[inline(always)]
+fn mean_of_8([a, b, c, d, e, f, g, h]: [&Run; 8]) -> Run {
+    mean(&mean_of_4([a, b, c, d]), &mean_of_4([e, f, g, h]))
 }
 
 /// Most taps: one for each other pixel of the longest flow.
@@ -167,9 +156,19 @@ fn tap_count([across, down]: [f32; 2]) -> usize {
         .min(TAPS_MAX)
 }
 
-/// First pixel of a block; the last block of a row ends with it.
-fn block_start(block: usize, size_px: usize) -> usize {
-    (block * BLOCK).min(size_px.saturating_sub(BLOCK))
+impl BlockTaps {
+    /// Taps of the block at a column of an image of rows of `stride` pixels.
+    fn new(left: usize, stride: usize, flow: [f32; 2]) -> Self {
+        let count = tap_count(flow);
+        let mut offsets = [BORDER * stride + left; TAPS_MAX];
+        for (tap, offset) in offsets[..count].iter_mut().enumerate() {
+            let part = (tap as f32 + 0.5) / count as f32 - 0.5;
+            let [across, down] = flow.map(|pixels| (part * pixels).round() as isize);
+            let column = left.saturating_add_signed(across).min(stride - BLOCK);
+            *offset = BORDER.saturating_add_signed(down) * stride + column;
+        }
+        BlockTaps { count, offsets }
+    }
 }
 
 impl BlockRay {
@@ -242,12 +241,4 @@ fn block_ray(table: &RayTable, column: usize, row: usize) -> Option<BlockRay> {
         pixels_per_azimuth: [sl_v / determinant, -sl_u / determinant],
         pixels_per_slope: [-az_v / determinant, az_u / determinant],
     })
-}
-
-fn azimuth(ray: &Ray) -> f32 {
-    ray.direction[1].atan2(ray.direction[0])
-}
-
-fn slope(ray: &Ray) -> f32 {
-    ray.direction[2] / ray.direction[0].hypot(ray.direction[1]).max(1e-6)
 }

@@ -2,70 +2,115 @@
 
 use localize::robot::BodyConfig;
 
+use super::blocks::Blocks;
+use super::culling::{Culling, ReachMargins};
 use super::draw_list::linear;
-use super::light_buffer::LightBuffer;
-use super::motion_blur::LightPixel;
-use super::moving_rays::MovedRays;
-use super::rays::SortedRays;
+use super::lanes::LANES;
+use super::lattice::Lattice;
+use super::moving_rays::MovedBlock;
 use super::row_transform::RowTransform;
-use super::solids::{DrawContext, Outline, Primitive, Solid};
+use super::scatter::{CELL, CellOverlay};
+use super::solids::{Outline, Primitive, Solid};
 use crate::image_sensor::TONES;
 
 /// The robot's own parts in the view: equal in every image, so they are drawn once,
 /// and never smeared by motion.
 pub(super) struct OwnBody {
-    /// Pixels that show it, the visible share of the scene, and the added light.
-    overlay: Vec<(u32, f32, [f32; 3])>,
+    /// Pixels that show it, by row.
+    overlay: Vec<Vec<PixelOverlay>>,
+    /// Cells of scattered light that show it.
+    pub(super) cells: Vec<CellOverlay>,
+}
+
+/// The visible share of the scene in a pixel, and the added light.
+#[derive(Debug, Clone, Copy)]
+struct PixelOverlay {
+    column: usize,
+    left: f32,
+    adds: [f32; 3],
 }
 
 /// Height of the rods, metres: more than any mirror's.
 const ROD_HEIGHT: f32 = 3.0;
 
 impl OwnBody {
-    pub(super) fn new(body: &BodyConfig, camera_height: f32, rays: &SortedRays) -> Self {
-        let solids = own_solids(body, camera_height);
-        let (tile, light_direction) = (rays.single_tile(), [0.0, 1.0]);
-        let mut moved = MovedRays::new(rays.count());
-        moved.set_tile(rays, &tile, &RowTransform::default());
-        let context = DrawContext {
-            rays,
-            moved: &moved,
-            tile: &tile,
-            light_direction,
-        };
-        // The difference between drawing over white and over black is the visible share of the scene.
-        let mut over = [0.0, 1.0].map(|level| {
-            let mut light_buffer = LightBuffer::new(rays.count());
-            light_buffer.set_tile(&tile);
-            for plane in light_buffer.planes(&tile.rays) {
-                plane.fill(level);
-            }
-            for solid in &solids {
-                let primitive = Primitive::Solid(*solid);
-                primitive.draw(&primitive.ray_range(rays), &context, &mut light_buffer);
-            }
-            light_buffer
-        });
-        let [black, white] = over
-            .each_mut()
-            .map(|light_buffer| light_buffer.planes(&tile.rays));
-        let overlay = (0..rays.count())
-            .filter_map(|ray| {
-                let left = white[0][ray] - black[0][ray];
-                let adds = [0, 1, 2].map(|colour| black[colour][ray]);
-                (left < 0.999).then_some((rays.pixel[ray], left, adds))
-            })
+    /// `height_px`: rows of the image.
+    pub(super) fn new(
+        body: &BodyConfig,
+        camera_height: f32,
+        blocks: &Blocks,
+        lattice: &Lattice,
+        height_px: usize,
+    ) -> Self {
+        let transform = RowTransform::default();
+        let margins = ReachMargins::new(&blocks.origins, &transform);
+        let primitives: Vec<Primitive> = own_solids(body, camera_height)
+            .into_iter()
+            .map(Primitive::Solid)
             .collect();
-        OwnBody { overlay }
+        let culling = Culling::new(primitives.iter().map(|primitive| primitive.reach(&margins)));
+        let mut own = OwnBody {
+            overlay: vec![Vec::new(); height_px.next_multiple_of(LANES)],
+            cells: Vec::new(),
+        };
+        let (mut moved, mut found) = (MovedBlock::new(), Vec::new());
+        for (block, rays) in blocks.blocks.iter().zip(&blocks.rays) {
+            culling.find(&lattice.view(block), &mut found);
+            if found.is_empty() {
+                continue;
+            }
+            moved.clear();
+            let moved = moved.of(block, rays, &transform, height_px);
+            // The difference between drawing over white and over black is the visible share of the scene.
+            let [black, white] = [0.0, 1.0].map(|level| {
+                let mut light = [[[level; LANES]; LANES]; 3];
+                for index in &found {
+                    primitives[*index as usize].draw(moved, [0.0, 1.0], &mut light);
+                }
+                light
+            });
+            for row in 0..LANES {
+                for lane in 0..LANES {
+                    let left = white[0][row][lane] - black[0][row][lane];
+                    if left < 0.999 {
+                        let overlay = PixelOverlay {
+                            column: block.column * LANES + lane,
+                            left,
+                            adds: [0, 1, 2].map(|k| black[k][row][lane] * TONES as f32),
+                        };
+                        own.overlay[block.row * LANES + row].push(overlay);
+                    }
+                }
+            }
+        }
+        own.average_cells();
+        own
     }
 
-    /// Draws it over an image.
-    pub(super) fn draw(&self, image: &mut [LightPixel]) {
-        for (pixel, left, adds) in &self.overlay {
-            let pixel = &mut image[*pixel as usize];
-            for (light, adds) in pixel.iter_mut().zip(adds) {
-                *light = (f32::from(*light) * left + adds * TONES as f32) as u16;
+    /// Computes the overlays of cells.
+    fn average_cells(&mut self) {
+        let per = 1.0 / (CELL * CELL) as f32;
+        for (row, rows) in self.overlay.chunks(CELL).enumerate() {
+            let mut overlays: Vec<&PixelOverlay> = rows.iter().flatten().collect();
+            overlays.sort_by_key(|overlay| overlay.column);
+            for cell in overlays.chunk_by(|a, b| a.column / CELL == b.column / CELL) {
+                let hidden: f32 = cell.iter().map(|overlay| 1.0 - overlay.left).sum();
+                let add = |k: usize| cell.iter().map(|overlay| overlay.adds[k]).sum::<f32>();
+                self.cells.push(CellOverlay {
+                    column: cell[0].column / CELL,
+                    row,
+                    left: 1.0 - per * hidden,
+                    adds: [0, 1, 2].map(|k| per * add(k)),
+                });
             }
+        }
+    }
+
+    /// Draws it over a row of one colour.
+    pub(super) fn draw(&self, row: usize, colour: usize, light: &mut [u16]) {
+        for PixelOverlay { column, left, adds } in &self.overlay[row] {
+            let light = &mut light[*column];
+            *light = f32::from(*light).mul_add(*left, adds[colour]) as u16;
         }
     }
 }

@@ -24,10 +24,8 @@ pub(super) struct RowTransform {
     pub(super) rotation: [[f32; 9]; 2],
     /// Translation over the whole image, metres.
     pub(super) shift: [f32; 2],
-    /// Largest rotation of a row, and largest change of its tilt against the middle one, radians; largest translation of an
-    /// origin, metres: margins for lookups.
-    pub(super) angle_max: f32,
-    pub(super) rocks_max: f32,
+    /// Largest tilt of a row, radians, and largest translation of an origin, metres: margins for lookups.
+    pub(super) tilt_max: f32,
     pub(super) shift_max: f32,
 }
 
@@ -56,28 +54,29 @@ impl RowTransform {
                 std::array::from_fn(|k| last[k] - first[k]),
             ],
             shift,
-            angle_max: tilt_max + half * motion.yaw_rate.abs(),
-            rocks_max: rocks,
+            tilt_max,
             shift_max: 0.5 * shift[0].hypot(shift[1]) + tilt_max * height,
         }
     }
 }
 
 impl RowTransform {
-    /// The slope of the camera as mounted that becomes `slope` in the level frame, in the vertical plane of a horizontal
-    /// direction (unit vector); `None` for a direction near the vertical, where tilt turns azimuths.
-    pub(super) fn mounted_slope(&self, slope: f32, direction: [f32; 2]) -> Option<f32> {
-        let [matrix, _] = self.rotation;
-        let rise = (matrix[6] * direction[0] + matrix[7] * direction[1]) / matrix[8];
-        let scale = 1.0 + slope * rise;
-        (scale > 0.5).then(|| (slope - rise) / scale)
+    /// True if all rows have the same rotation.
+    pub(super) fn is_constant(&self) -> bool {
+        self.rotation[1] == [0.0; 9]
     }
 
-    /// Error of `mounted_slope` for rays whose azimuth differs from the direction's by at most `spread` radians, in any row.
-    pub(super) fn slope_margin(&self, slope: f32, spread: f32) -> f32 {
-        // Yaw alone changes no slope.
-        let angle = self.angle_max * (spread + self.angle_max) + self.rocks_max;
-        (1.0 + slope * slope) * (1.2 * angle + 1e-5)
+    /// Rotation of a row: -0.5 at the top of the image, 0.5 at the bottom.
+    #[inline(always)]
+    pub(super) fn rotation_at(&self, row: f32) -> [f32; 9] {
+        let [middle, change] = &self.rotation;
+        std::array::from_fn(|k| row.mul_add(change[k], middle[k]))
+    }
+
+    /// Translation of a row, metres.
+    #[inline(always)]
+    pub(super) fn shift_at(&self, row: f32) -> [f32; 2] {
+        self.shift.map(|shift| row * shift)
     }
 }
 

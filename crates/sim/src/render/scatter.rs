@@ -4,11 +4,11 @@
 //! Both point spread functions are two-sided exponentials, as those of real optics have long tails. They are applied to
 //! an image of `CELL` × `CELL` pixels per value, which halos exceed in width.
 
-use super::motion_blur::LightPixel;
+use super::image::LightImage;
 use crate::image_sensor::ImageSensorConfig;
 
 /// Pixels per side of a value.
-const CELL: usize = 4;
+pub(super) const CELL: usize = 4;
 /// Values per side of a value of the coarsest image, in which veiling glare spreads.
 const GLARE_CELL: usize = 4;
 /// Radius of veiling glare over the image's width.
@@ -25,31 +25,47 @@ pub(super) struct Scatter {
     coarse_row: Vec<[f32; 4]>,
     /// Where each column of values lies in that row.
     places: Vec<(usize, usize, f32)>,
-    /// Interpolated values of one image row, with one more at each end.
+    /// Rows of values at the image's columns, for even and for odd rows of values, and which rows they are. By pattern of
+    /// colours.
+    wide: [[Vec<f32>; 2]; PATTERNS],
+    wide_rows: [[usize; 2]; PATTERNS],
+    /// One row of values, with the outermost ones repeated at both ends.
     row: Vec<[f32; 4]>,
 }
 
+/// What hides a part of a cell: the visible share of the scene, and the added light.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellOverlay {
+    pub(super) column: usize,
+    pub(super) row: usize,
+    pub(super) left: f32,
+    pub(super) adds: [f32; 3],
+}
+
+/// Patterns of colours in even and odd columns.
+const PATTERNS: usize = 3;
+
 impl Scatter {
-    /// Computes the scattered light of an image.
+    /// Computes the scattered light of an image whose cells are overlaid by the robot's own body.
     pub(super) fn update(
         &mut self,
-        light: &[LightPixel],
-        width_px: usize,
+        image: &LightImage,
+        own: &[CellOverlay],
         image_sensor: &ImageSensorConfig,
     ) {
-        let height_px = light.len() / width_px.max(1);
-        (self.columns, self.rows) = (width_px.div_ceil(CELL), height_px.div_ceil(CELL));
+        (self.columns, self.rows) = (image.stride / CELL, image.rows / CELL);
         self.values.resize(self.columns * self.rows, [0.0; 4]);
-        for (rows, values) in light
-            .chunks(CELL * width_px)
-            .zip(self.values.chunks_mut(self.columns))
-        {
-            let full = if rows.len() == CELL * width_px {
-                average_full_cells(rows, width_px, values)
-            } else {
-                0
-            };
-            average_cells(rows, width_px, values, full);
+        for (row, values) in self.values.chunks_mut(self.columns).enumerate() {
+            for colour in 0..3 {
+                let rows = &image.plane(colour)[row * CELL * image.stride..][..CELL * image.stride];
+                average_cells(rows, image.stride, colour, values);
+            }
+        }
+        for overlay in own {
+            let value = &mut self.values[overlay.row * self.columns + overlay.column];
+            for (value, adds) in value.iter_mut().zip(overlay.adds) {
+                *value = value.mul_add(overlay.left, adds);
+            }
         }
         self.spread_glare(image_sensor);
         spread(
@@ -58,6 +74,7 @@ impl Scatter {
             image_sensor.bloom_radius_px / CELL as f32,
         );
         self.add_glare(image_sensor);
+        self.wide_rows = [[usize::MAX; 2]; PATTERNS];
     }
 
     /// The image averaged over `GLARE_CELL` values, spread over a quarter of the image.
@@ -114,34 +131,44 @@ impl Scatter {
         }
     }
 
-    /// Adds the scattered light of a row of pixels that measure `colours` in even and odd columns.
-    pub(super) fn add_to(&mut self, row: usize, colours: [usize; 2], light: &mut [f32]) {
-        let values = self.row(row);
-        match colours {
-            [0, 1] => add_row::<0, 1>(values, light),
-            [1, 2] => add_row::<1, 2>(values, light),
-            [0, _] => add_row::<0, 0>(values, light),
-            [1, _] => add_row::<1, 1>(values, light),
-            _ => add_row::<2, 2>(values, light),
-        }
-    }
-
-    /// Scattered light of one image row at the values' columns, with the outermost ones repeated at both ends.
-    fn row(&mut self, row: usize) -> &[[f32; 4]] {
+    /// Scattered light at a row of pixels that measure `colours` in even and odd columns, given by two rows and the place
+    /// between them. `pattern`: number of this pattern of colours.
+    pub(super) fn row(
+        &mut self,
+        row: usize,
+        colours: [usize; 2],
+        pattern: usize,
+    ) -> ([&[f32]; 2], f32) {
         let at = ((row as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (self.rows - 1) as f32);
         let above = at as usize;
-        let (part, below) = (at - above as f32, (above + 1).min(self.rows - 1));
-        let above = &self.values[above * self.columns..][..self.columns];
-        let below = &self.values[below * self.columns..][..self.columns];
-        self.row.resize(self.columns + 2, [0.0; 4]);
-        for ((out, above), below) in self.row[1..].iter_mut().zip(above).zip(below) {
-            for k in 0..4 {
-                out[k] = above[k] + part * (below[k] - above[k]);
+        let below = (above + 1).min(self.rows - 1);
+        for row in [above, below] {
+            if self.wide_rows[pattern][row % 2] != row {
+                self.widen(row, colours, pattern);
             }
         }
-        self.row[0] = self.row[1];
-        self.row[self.columns + 1] = self.row[self.columns];
-        &self.row
+        let wide = &self.wide[pattern];
+        let rows = [above, below].map(|row| &wide[row % 2][..]);
+        (rows, at - above as f32)
+    }
+
+    /// Interpolates a row of values at the image's columns.
+    fn widen(&mut self, row: usize, colours: [usize; 2], pattern: usize) {
+        let values = &self.values[row * self.columns..][..self.columns];
+        self.row.clear();
+        self.row.extend(values.first());
+        self.row.extend(values);
+        self.row.extend(values.last());
+        let out = &mut self.wide[pattern][row % 2];
+        out.resize(CELL * self.columns, 0.0);
+        match colours {
+            [0, 1] => widen_row::<0, 1>(&self.row, out),
+            [1, 2] => widen_row::<1, 2>(&self.row, out),
+            [0, _] => widen_row::<0, 0>(&self.row, out),
+            [1, _] => widen_row::<1, 1>(&self.row, out),
+            _ => widen_row::<2, 2>(&self.row, out),
+        }
+        self.wide_rows[pattern][row % 2] = row;
     }
 }
 
@@ -152,69 +179,34 @@ fn place_between(index: usize, last: usize) -> (usize, usize, f32) {
     (before, (before + 1).min(last), at - before as f32)
 }
 
-/// Averages the cells of `CELL` × `CELL` pixels of `CELL` rows; returns how many there are.
-fn average_full_cells(rows: &[LightPixel], width_px: usize, values: &mut [[f32; 4]]) -> usize {
-    let count = width_px / CELL;
-    let [first, second, third, fourth] = [0, 1, 2, 3].map(|row: usize| {
-        let cells = rows[row * width_px..][..width_px].as_flattened();
-        &cells.as_chunks::<{ 4 * CELL }>().0[..count]
-    });
-    let pairs = (first.iter().zip(second)).zip(third.iter().zip(fourth));
-    for (value, ((first, second), (third, fourth))) in values[..count].iter_mut().zip(pairs) {
-        // Two pixels side by side fill a vector.
-        let mut sums = [0u32; 8];
-        for row in [first, second, third, fourth] {
-            for k in 0..8 {
-                sums[k] += u32::from(row[k]) + u32::from(row[k + 8]);
-            }
+/// Averages the cells of `CELL` × `CELL` pixels of `CELL` rows in one colour.
+fn average_cells(rows: &[u16], stride: usize, colour: usize, values: &mut [[f32; 4]]) {
+    let [first, second, third, fourth] =
+        [0, 1, 2, 3].map(|row: usize| rows[row * stride..][..stride].as_chunks::<CELL>().0);
+    let pairs = first.iter().zip(second).zip(third.iter().zip(fourth));
+    for (value, ((first, second), (third, fourth))) in values.iter_mut().zip(pairs) {
+        let mut sums = [0u32; CELL];
+        for k in 0..CELL {
+            sums[k] = u32::from(first[k])
+                + u32::from(second[k])
+                + u32::from(third[k])
+                + u32::from(fourth[k]);
         }
-        for k in 0..4 {
-            value[k] = (sums[k] + sums[k + 4]) as f32 * (1.0 / (CELL * CELL) as f32);
-        }
-    }
-    count
-}
-
-/// Averages the cells of some rows from one of them on; the last of a row may be narrower.
-fn average_cells(rows: &[LightPixel], width_px: usize, values: &mut [[f32; 4]], from: usize) {
-    for (cell, value) in values.iter_mut().enumerate().skip(from) {
-        let columns = cell * CELL..((cell + 1) * CELL).min(width_px);
-        let mut sum = [0; 4];
-        for row in rows.chunks(width_px) {
-            for pixel in &row[columns.clone()] {
-                for k in 0..4 {
-                    sum[k] += u32::from(pixel[k]);
-                }
-            }
-        }
-        let per = 1.0 / (columns.len() * (rows.len() / width_px)) as f32;
-        *value = sum.map(|sum| per * sum as f32);
+        let sum = (sums[0] + sums[2]) + (sums[1] + sums[3]);
+        value[colour] = sum as f32 * (1.0 / (CELL * CELL) as f32);
     }
 }
 
-/// Adds the interpolated values of a row to its pixels, which measure colour `EVEN` or `ODD`.
-fn add_row<const EVEN: usize, const ODD: usize>(values: &[[f32; 4]], light: &mut [f32]) {
+/// Interpolates a row of values at the pixels, which measure colour `EVEN` or `ODD`.
+fn widen_row<const EVEN: usize, const ODD: usize>(values: &[[f32; 4]], out: &mut [f32]) {
     /// Places of a cell's pixels between the two values around each.
     const PARTS: [f32; CELL] = [0.625, 0.875, 0.125, 0.375];
-    let scattered = |around: &[[f32; 4]]| -> [f32; CELL] {
+    let cells = out.as_chunks_mut::<CELL>().0;
+    for (cell, around) in cells.iter_mut().zip(values.windows(3)) {
         let [left, own, right] = [around[0], around[1], around[2]];
         let before = [left[EVEN], left[ODD], own[EVEN], own[ODD]];
         let after = [own[EVEN], own[ODD], right[EVEN], right[ODD]];
-        std::array::from_fn(|k| before[k] + PARTS[k] * (after[k] - before[k]))
-    };
-    let (cells, rest) = light.as_chunks_mut::<CELL>();
-    let mut windows = values.windows(3);
-    for (cell, around) in cells.iter_mut().zip(&mut windows) {
-        let scattered = scattered(around);
-        for k in 0..CELL {
-            cell[k] += scattered[k];
-        }
-    }
-    // The last cell of a row may be narrower. The zip above ends with the cells, before it takes another window.
-    if let Some(around) = windows.next() {
-        for (light, scattered) in rest.iter_mut().zip(scattered(around)) {
-            *light += scattered;
-        }
+        *cell = std::array::from_fn(|k| PARTS[k].mul_add(after[k] - before[k], before[k]));
     }
 }
 

@@ -1,0 +1,80 @@
+//! Where is the light of an image kept? In one plane per colour, whose sides are multiples of a block's.
+
+use std::ops::Range;
+
+use super::lanes::{BlockLight, LANES, larger, smaller};
+use crate::image_sensor::TONES;
+
+/// Sides are multiples of it.
+pub(super) const SIDE: usize = 16;
+
+/// Linear light outside the mirror, where the camera's hood is.
+const HOOD: [f32; 3] = [0.0005, 0.0010, 0.0035];
+
+/// Linear light by colour, row by row: `TONES` is white under light of level 1.
+pub(super) struct LightImage {
+    pub(super) stride: usize,
+    pub(super) rows: usize,
+    /// With `BORDER` rows of the hood above and below.
+    planes: [Vec<u16>; 3],
+}
+
+/// Rows of each plane above and below the image.
+pub(super) const BORDER: usize = 16;
+
+impl LightImage {
+    /// An image of the hood.
+    pub(super) fn new(width_px: usize, height_px: usize) -> Self {
+        let (stride, rows) = (
+            width_px.next_multiple_of(SIDE),
+            height_px.next_multiple_of(SIDE),
+        );
+        LightImage {
+            stride,
+            rows,
+            planes: hood().map(|light| vec![light; stride * (rows + 2 * BORDER)]),
+        }
+    }
+
+    /// The plane of a colour from the first row on, and what is beyond the last row.
+    pub(super) fn plane(&self, colour: usize) -> &[u16] {
+        &self.planes[colour][BORDER * self.stride..]
+    }
+
+    /// The same with the rows above: `BORDER` rows.
+    pub(super) fn bordered_plane(&self, colour: usize) -> &[u16] {
+        &self.planes[colour]
+    }
+
+    /// Sets pixels of a plane, by their index from the first row on.
+    pub(super) fn fill(&mut self, pixels: Range<usize>, light: [u16; 3]) {
+        let from = BORDER * self.stride;
+        for (plane, light) in self.planes.iter_mut().zip(light) {
+            plane[from + pixels.start..from + pixels.end].fill(light);
+        }
+    }
+
+    /// Writes a block.
+    #[inline(never)]
+    pub(super) fn write(&mut self, [column, row]: [usize; 2], light: &BlockLight) {
+        let first = (BORDER + row * LANES) * self.stride + column * LANES;
+        for (plane, light) in self.planes.iter_mut().zip(light) {
+            let rows = plane[first..].chunks_mut(self.stride);
+            for (pixels, light) in rows.zip(light) {
+                pixels[..LANES].copy_from_slice(&light.map(tones));
+            }
+        }
+    }
+}
+
+/// A pixel that shows the hood.
+pub(super) fn hood() -> [u16; 3] {
+    HOOD.map(tones)
+}
+
+/// Linear light as a fixed-point number.
+#[inline(always)]
+pub(super) fn tones(light: f32) -> u16 {
+    // Adding 2²³ leaves the rounded value in the lowest bits, without the NaN check of a cast.
+    (smaller(larger(light * TONES as f32, 0.0), 65_535.0) + 8_388_608.0).to_bits() as u16
+}

@@ -1,0 +1,285 @@
+//! How much of a footprint is white paint or a black cable? Exact for a straight edge through a parallelogram's projection.
+
+use std::f32::consts::FRAC_PI_2;
+
+use localize::field::Field;
+
+use super::cables::Cable;
+use super::lanes::{BlockValues, LANES, Vector, shares, splat};
+use super::stroke_grid::StrokeGrid;
+use super::strokes::{Area, Shape, Stroke, painted_markings};
+
+/// Width of the optics' blur on the floor over that of a box of the footprint's size. Its variance is twice the box's.
+pub(super) const PAINT_BLUR: f32 = std::f32::consts::SQRT_2;
+
+/// Added to each width, so that none is 0, metres.
+const WIDTH_MIN: f32 = 1e-4;
+
+/// Paint and cables on a field.
+pub(super) struct Paint {
+    strokes: Vec<Stroke>,
+    grid: StrokeGrid,
+}
+
+/// Ground points of a block in the field frame, and their footprints.
+pub(super) struct GroundBlock {
+    /// Metres.
+    pub(super) at: [BlockValues; 2],
+    /// Directions of the rays, unit vectors, field frame.
+    pub(super) direction: [BlockValues; 2],
+    /// Squares of the footprint's sides along and across the direction, m².
+    pub(super) along2: BlockValues,
+    pub(super) across2: BlockValues,
+}
+
+impl GroundBlock {
+    pub(super) fn new() -> Self {
+        let zero = [[0.0; LANES]; LANES];
+        GroundBlock {
+            at: [zero; 2],
+            direction: [zero; 2],
+            along2: zero,
+            across2: zero,
+        }
+    }
+
+    /// Vectors from a point of the field to a row's points.
+    #[inline(always)]
+    fn from_point(&self, row: usize, point: [f32; 2]) -> [Vector; 2] {
+        [0, 1].map(|k| Vector::new(self.at[k][row]) - splat(point[k]))
+    }
+
+    /// Distances of a row's points from a point, and the directions from there.
+    #[inline(always)]
+    fn directions_from(&self, row: usize, point: [f32; 2]) -> (Vector, [Vector; 2]) {
+        let [dx, dy] = self.from_point(row, point);
+        let distance = dx.mul_add(dx, dy * dy).sqrt() + splat(WIDTH_MIN);
+        let per = splat(1.0) / distance;
+        (distance, [dx * per, dy * per])
+    }
+
+    /// Widths of the footprints of a row along a direction (unit vector) and across it, metres.
+    #[inline(always)]
+    pub(super) fn widths(&self, row: usize, nx: Vector, ny: Vector) -> [Vector; 2] {
+        let [tx, ty] = [0, 1].map(|k| Vector::new(self.direction[k][row]));
+        let (along2, across2) = (
+            Vector::new(self.along2[row]),
+            Vector::new(self.across2[row]),
+        );
+        let dot = tx.mul_add(nx, ty * ny);
+        let cross = tx * ny - ty * nx;
+        let (dot2, cross2) = (dot * dot, cross * cross);
+        [
+            along2.mul_add(dot2, across2 * cross2).sqrt() + splat(WIDTH_MIN),
+            along2.mul_add(cross2, across2 * dot2).sqrt() + splat(WIDTH_MIN),
+        ]
+    }
+}
+
+impl Paint {
+    pub(super) fn new(field: &Field, cables: &[Cable]) -> Self {
+        let half = field.config.line_width / 2.0;
+        let markings = painted_markings(field);
+        let white = markings
+            .iter()
+            .map(|marking| Stroke::new(marking, half, false));
+        let black = cables.iter().flat_map(|cable| {
+            let half = cable.width / 2.0;
+            cable
+                .segments()
+                .map(move |piece| Stroke::new(&piece, half, true))
+        });
+        let strokes: Vec<Stroke> = white.chain(black).collect();
+        Paint {
+            grid: StrokeGrid::new(field.carpet_half_extent(), &strokes),
+            strokes,
+        }
+    }
+
+    /// Half sides of a box around the field's centre that holds all strokes.
+    pub(super) fn half_extent(&self) -> [f32; 2] {
+        let corners = self.strokes.iter().flat_map(Stroke::bounds);
+        corners.fold([0.0; 2], |half: [f32; 2], corner| {
+            [0, 1].map(|k| half[k].max(corner[k].abs()))
+        })
+    }
+
+    /// Finds the strokes that may touch an area; `half`: half sides of a box along the field's axes around it.
+    pub(super) fn find(&mut self, area: &Area, half: [f32; 2], found: &mut Vec<u32>) {
+        self.grid.find(&self.strokes, area, half, found);
+    }
+
+    /// All strokes.
+    #[cfg(test)]
+    pub(super) fn all(&self) -> Vec<u32> {
+        (0..self.strokes.len() as u32).collect()
+    }
+
+    /// The shares of each footprint that some strokes cover: white paint, and black cables on it.
+    pub(super) fn cover(
+        &self,
+        found: &[u32],
+        ground: &GroundBlock,
+        covered: &mut [BlockValues; 2],
+    ) {
+        *covered = [[[0.0; LANES]; LANES]; 2];
+        for stroke in found {
+            let stroke = &self.strokes[*stroke as usize];
+            let covered = &mut covered[usize::from(stroke.is_cable)];
+            match &stroke.shape {
+                Shape::Line { .. } => stroke.cover_line(ground, covered),
+                Shape::Arc { .. } => stroke.cover_arc(ground, covered),
+                Shape::Disc { .. } => stroke.cover_disc(ground, covered),
+            }
+        }
+    }
+}
+
+impl Stroke {
+    fn cover_line(&self, ground: &GroundBlock, covered: &mut BlockValues) {
+        let Shape::Line {
+            middle,
+            along,
+            half_length,
+        } = self.shape
+        else {
+            return;
+        };
+        let [ux, uy] = along.map(splat);
+        for (row, covered) in covered.iter_mut().enumerate() {
+            let [dx, dy] = ground.from_point(row, middle);
+            let [wide, long] = ground.widths(row, -uy, ux);
+            let across = interval(dy * ux - dx * uy, self.half, wide);
+            let along = interval(dx.mul_add(ux, dy * uy), half_length, long);
+            // Where markings overlap, the larger coverage counts.
+            *covered = Vector::new(*covered).fast_max(across * along).to_array();
+        }
+    }
+
+    fn cover_arc(&self, ground: &GroundBlock, covered: &mut BlockValues) {
+        let Shape::Arc {
+            centre,
+            radius,
+            ends,
+        } = self.shape
+        else {
+            return;
+        };
+        for (row, covered) in covered.iter_mut().enumerate() {
+            let (distance, [nx, ny]) = ground.directions_from(row, centre);
+            let [wide, long] = ground.widths(row, nx, ny);
+            let mut part = interval(distance - splat(radius), self.half, wide);
+            if let Some((ends, is_short)) = ends {
+                let [dx, dy] = [distance * nx, distance * ny];
+                // Distances inwards from the radii at both ends.
+                let [after, before] = ends.map(|[x, y]| splat(x) * dy - splat(y) * dx);
+                let inside = if is_short {
+                    after.fast_min(-before)
+                } else {
+                    after.fast_max(-before)
+                };
+                part *= shares(inside / long + splat(0.5));
+            }
+            *covered = Vector::new(*covered).fast_max(part).to_array();
+        }
+    }
+
+    fn cover_disc(&self, ground: &GroundBlock, covered: &mut BlockValues) {
+        let Shape::Disc { centre } = self.shape else {
+            return;
+        };
+        for (row, covered) in covered.iter_mut().enumerate() {
+            let (distance, [nx, ny]) = ground.directions_from(row, centre);
+            let [wide, across] = ground.widths(row, nx, ny);
+            // A footprint larger than the disc holds its area: π r² in place of 2 r times the width.
+            let small = (splat(FRAC_PI_2 * self.half) / across).fast_min(splat(1.0));
+            let part = small * interval(distance, self.half, wide);
+            *covered = Vector::new(*covered).fast_max(part).to_array();
+        }
+    }
+}
+
+/// Share of [offset − width/2, offset + width/2] within ± half.
+#[inline(always)]
+fn interval(offset: Vector, half: f32, width: Vector) -> Vector {
+    let (reach, half) = (splat(0.5) * width, splat(half));
+    let from = (offset - reach).fast_max(-half);
+    let to = (offset + reach).fast_min(half);
+    ((to - from) / width).fast_max(splat(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f32::consts::PI;
+
+    use localize::field::Marking;
+    use localize::frames::At;
+
+    use super::*;
+
+    /// Coverage of footprints of `width` at a point.
+    fn coverage(strokes: &[Stroke], x: f32, y: f32, width: f32) -> f32 {
+        let all = |value: f32| [[value; LANES]; LANES];
+        let ground = GroundBlock {
+            at: [all(x), all(y)],
+            direction: [all(0.6), all(0.8)],
+            along2: all(width * width),
+            across2: all(width * width),
+        };
+        let paint = Paint {
+            strokes: strokes.to_vec(),
+            grid: StrokeGrid::new((20.0, 20.0), strokes),
+        };
+        let found: Vec<u32> = (0..strokes.len() as u32).collect();
+        let mut covered = [all(0.0); 2];
+        paint.cover(&found, &ground, &mut covered);
+        covered[0][3][5]
+    }
+
+    #[test]
+    fn walls_replace_boundary_lines_except_at_goal_mouths() {
+        let text = include_str!("../../../../config/fields/msl_2001.toml");
+        let field = Field::new(toml::from_str(text).expect("a field")).expect("a field");
+        let strokes: Vec<Stroke> = painted_markings(&field)
+            .iter()
+            .map(|marking| Stroke::new(marking, 0.025, false))
+            .collect();
+        let white = |x, y| coverage(&strokes, x, y, 0.01);
+        assert_eq!([white(2.0, 2.24), white(4.49, 2.0)], [0.0, 0.0]);
+        assert!(white(4.5, 0.5) > 0.999 && white(0.0, 2.2) > 0.999);
+    }
+
+    #[test]
+    fn narrow_line_covers_its_fraction_of_the_footprint() {
+        let line = Marking::Line {
+            from: At::new(-5.0, 0.0),
+            to: At::new(5.0, 0.0),
+        };
+        let line = [Stroke::new(&line, 0.05, false)];
+        assert!((coverage(&line, 0.0, 0.1, 0.5) - 0.2).abs() < 1e-3);
+        assert!((coverage(&line, 0.0, 0.05, 0.02) - 0.5).abs() < 1e-3);
+        assert_eq!(coverage(&line, 0.0, 0.2, 0.02), 0.0);
+    }
+
+    #[test]
+    fn quarter_arc_ends_at_its_radii_and_a_far_disc_covers_its_area() {
+        let arc = Marking::Arc {
+            centre: At::new(0.0, 0.0),
+            radius: 1.0,
+            start: 0.0,
+            sweep: FRAC_PI_2,
+        };
+        let arc = [Stroke::new(&arc, 0.05, false)];
+        let at = |angle: f32| coverage(&arc, angle.cos(), angle.sin(), 0.02);
+        assert!(at(0.5) > 0.999 && at(1.5) > 0.999);
+        assert_eq!([at(-0.1), at(1.7), at(3.0), at(-2.0)], [0.0; 4]);
+        let disc = Marking::Spot {
+            centre: At::new(0.0, 0.0),
+            radius: 0.05,
+        };
+        let disc = [Stroke::new(&disc, 0.05, false)];
+        assert!(coverage(&disc, 0.0, 0.01, 0.02) > 0.999);
+        let share = PI * 0.05 * 0.05 / (0.5 * 0.5);
+        assert!((coverage(&disc, 0.1, 0.0, 0.5) / share - 1.0).abs() < 0.01);
+    }
+}
