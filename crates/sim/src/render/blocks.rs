@@ -12,7 +12,7 @@ use super::lanes::{BlockValues, LANES};
 use super::paint::PAINT_BLUR;
 use super::spacing::{azimuth, pixel_spacing, slope};
 
-/// Largest footprint of a pixel in slope, relative to 1 + |slope|, and in azimuth, radians. Where two parts of the mirror
+/// Largest footprint of a pixel in elevation and in azimuth, radians. Where two parts of the mirror
 /// meet, neighbouring pixels look far apart; each shows what is around its own ray.
 const RISE_MAX: f32 = 0.05;
 const TURN_MAX: f32 = 0.3;
@@ -147,17 +147,18 @@ impl Blocks {
                 origin: ray.origin,
                 direction: [cos, sin],
                 slope,
-                spacing: [turn.min(TURN_MAX), rise.min(RISE_MAX * (1.0 + slope.abs()))],
+                spacing: [turn.min(TURN_MAX), rise.min(RISE_MAX * (1.0 + slope * slope))],
             }
         };
         for row in 0..height_px.div_ceil(LANES) {
             for column in 0..width_px.div_ceil(LANES) {
                 let mut rays = [[None; LANES]; LANES];
-                for down in 0..LANES.min(height_px - row * LANES) {
-                    for across in 0..LANES.min(width_px - column * LANES) {
-                        let pixel = (row * LANES + down) * width_px + column * LANES + across;
-                        let ray = table.rays[pixel].as_ref();
-                        rays[down][across] = ray.map(|ray| pixel_ray(pixel, ray));
+                for (down, rays) in rays.iter_mut().enumerate().take(height_px - row * LANES) {
+                    let first = (row * LANES + down) * width_px + column * LANES;
+                    for (across, to) in rays.iter_mut().enumerate().take(width_px - column * LANES)
+                    {
+                        let ray = table.rays[first + across].as_ref();
+                        *to = ray.map(|ray| pixel_ray(first + across, ray));
                     }
                 }
                 blocks.add([column, row], &rays, lattice(column, row));

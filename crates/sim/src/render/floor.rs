@@ -39,8 +39,8 @@ pub(super) struct Floor {
 pub(super) enum FloorView {
     /// Bare floor of one colour.
     Bare { on_carpet: bool },
-    /// Strokes, or the carpet's edge.
-    Edges { carpet_edge: bool },
+    /// Strokes, or the carpet's edge, of which rays that are all on the carpet see nothing.
+    Edges { on_carpet: bool },
 }
 
 impl Floor {
@@ -85,11 +85,10 @@ impl Floor {
         };
         self.paint.find(&area, half, &mut self.strokes);
         let outside = (0..2).any(|k| reach(-1.0, k) > self.carpet_half[k]);
-        let carpet_edge = !inside && !outside;
-        if carpet_edge || !self.strokes.is_empty() {
-            FloorView::Edges { carpet_edge }
-        } else {
+        if self.strokes.is_empty() && (inside || outside) {
             FloorView::Bare { on_carpet: inside }
+        } else {
+            FloorView::Edges { on_carpet: inside }
         }
     }
 
@@ -125,7 +124,7 @@ impl Floor {
     pub(super) fn shade_edges(
         &mut self,
         pose: Pose,
-        carpet_edge: bool,
+        on_carpet: bool,
         rays: &MovedBlock,
         [lit, gloss]: &[BlockValues; 2],
         light: &mut BlockLight,
@@ -133,10 +132,10 @@ impl Floor {
         self.ground.set(pose, rays);
         self.paint
             .cover(&self.strokes, &self.ground, &mut self.covered);
-        let inside = if carpet_edge {
-            self.ground.inside(self.carpet_half)
-        } else {
+        let inside = if on_carpet {
             [[1.0; LANES]; LANES]
+        } else {
+            self.ground.inside(self.carpet_half)
         };
         let [white, black] = &self.covered;
         for row in 0..LANES {

@@ -207,9 +207,9 @@ impl Renderer {
                 lattice.light(block, self.floor_light.is_glossy(), &mut lit);
                 match floor.view(pose, &view) {
                     FloorView::Bare { on_carpet } => floor.shade_bare(on_carpet, &lit, &mut light),
-                    FloorView::Edges { carpet_edge } => {
+                    FloorView::Edges { on_carpet } => {
                         let rays = moved.of(block, rays, &transform, self.size_px[1]);
-                        floor.shade_edges(pose, carpet_edge, rays, &lit, &mut light);
+                        floor.shade_edges(pose, on_carpet, rays, &lit, &mut light);
                     }
                 }
             }

@@ -45,14 +45,14 @@ impl GroundBlock {
 
     /// Vectors from a point of the field to a row's points.
     #[inline(always)]
-    fn from_point(&self, row: usize, point: [f32; 2]) -> [Vector; 2] {
+    fn offsets_from(&self, row: usize, point: [f32; 2]) -> [Vector; 2] {
         [0, 1].map(|k| Vector::new(self.at[k][row]) - splat(point[k]))
     }
 
     /// Distances of a row's points from a point, and the directions from there.
     #[inline(always)]
     fn directions_from(&self, row: usize, point: [f32; 2]) -> (Vector, [Vector; 2]) {
-        let [dx, dy] = self.from_point(row, point);
+        let [dx, dy] = self.offsets_from(row, point);
         let distance = dx.mul_add(dx, dy * dy).sqrt() + splat(WIDTH_MIN);
         let per = splat(1.0) / distance;
         (distance, [dx * per, dy * per])
@@ -147,7 +147,7 @@ impl Stroke {
         };
         let [ux, uy] = along.map(splat);
         for (row, covered) in covered.iter_mut().enumerate() {
-            let [dx, dy] = ground.from_point(row, middle);
+            let [dx, dy] = ground.offsets_from(row, middle);
             let [wide, long] = ground.widths(row, -uy, ux);
             let across = interval(dy * ux - dx * uy, self.half, wide);
             let along = interval(dx.mul_add(ux, dy * uy), half_length, long);
