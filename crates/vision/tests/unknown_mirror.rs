@@ -90,6 +90,67 @@ fn wrong_field_is_refused_and_the_right_one_is_named() {
     }
 }
 
+/// The image of a camera that sits a little farther right and down over the same robot.
+fn shifted(image: &Image, [right, down]: [usize; 2]) -> Image {
+    let pixel = |u: usize, v: usize| {
+        let from = v.saturating_sub(down) * image.width_px + u.saturating_sub(right);
+        &image.rgb[3 * from..][..3]
+    };
+    let places = (0..image.height_px).flat_map(|v| (0..image.width_px).map(move |u| (u, v)));
+    Image {
+        rgb: places.flat_map(|(u, v)| pixel(u, v)).copied().collect(),
+        ..image.clone()
+    }
+}
+
+fn calibrate(images: &[NamedImage]) -> Result<(), CalibrationError> {
+    calibrate_unknown_mirror(
+        [480, 480],
+        &field("samples/sequence/field.toml"),
+        &[],
+        images,
+        &VisionConfig::default(),
+        &|_| (),
+    )
+    .map(|_| ())
+}
+
+#[test]
+fn images_of_a_robot_whose_camera_sits_two_pixels_off_are_told_apart() {
+    let mut all = images(0..20);
+    for other in all.iter_mut().skip(1).step_by(3) {
+        other.image = shifted(&other.image, [2, 1]);
+    }
+    let Err(CalibrationError::TwoCameras {
+        sign,
+        first,
+        second,
+    }) = calibrate(&all)
+    else {
+        panic!("two cameras in one folder");
+    };
+    assert!(sign.contains("rods"), "{sign}");
+    let names = |of: &dyn Fn(usize) -> bool| -> Vec<String> {
+        let chosen = all.iter().enumerate().filter(|(index, _)| of(*index));
+        chosen.map(|(_, image)| image.name.clone()).collect()
+    };
+    assert_eq!(second, names(&|index| index % 3 == 1));
+    assert_eq!(first, names(&|index| index % 3 != 1));
+}
+
+#[test]
+fn folder_of_black_images_is_not_one_of_two_robots() {
+    let mut all = images(0..8);
+    for black in &mut all {
+        black.image.rgb.fill(0);
+    }
+    let refused = calibrate(&all);
+    assert!(
+        matches!(refused, Err(ref error) if !matches!(error, CalibrationError::TwoCameras { .. })),
+        "{refused:?}"
+    );
+}
+
 #[test]
 fn images_without_lines_are_refused_by_name() {
     let mut images = images(0..4);

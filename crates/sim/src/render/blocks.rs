@@ -147,7 +147,10 @@ impl Blocks {
                 origin: ray.origin,
                 direction: [cos, sin],
                 slope,
-                spacing: [turn.min(TURN_MAX), rise.min(RISE_MAX * (1.0 + slope * slope))],
+                spacing: [
+                    turn.min(TURN_MAX),
+                    rise.min(RISE_MAX * (1.0 + slope * slope)),
+                ],
             }
         };
         for row in 0..height_px.div_ceil(LANES) {

@@ -3,6 +3,7 @@
 mod acceptance;
 pub mod apparent_size;
 pub mod colours;
+mod edge_field;
 mod halves;
 mod joint_fit;
 mod known_map;
@@ -14,6 +15,7 @@ mod map_correction;
 pub mod mask;
 mod mirror_search;
 pub mod mount_fit;
+mod own_structure;
 mod polar_map;
 mod radial_family;
 mod radial_model;
@@ -22,6 +24,8 @@ pub mod rim;
 pub mod strip;
 mod strip_edges;
 pub mod strip_target;
+mod two_groups;
+mod two_robots;
 pub mod unknown_mirror;
 
 pub use acceptance::doubt;
@@ -102,11 +106,13 @@ pub enum CalibrationError {
     },
     /// The images come from two cameras.
     #[error(
-        "the images come from two cameras. Calibrate each by itself. First: {}. Second: {}",
+        "the images come from two cameras: {sign}. Calibrate each by itself. First: {}. Second: {}",
         first.join(", "),
         second.join(", ")
     )]
     TwoCameras {
+        /// By what they are told apart.
+        sign: String,
         /// Images of the camera with more images.
         first: Vec<String>,
         /// The others that one map explains.

@@ -23,6 +23,7 @@ use crate::calibrate::map_alignment::PlanarTransform;
 use crate::calibrate::mirror_search::{MirrorHypothesis, MirrorSearch, SearchImage};
 use crate::calibrate::radial_model::KnownSizes;
 use crate::calibrate::rim::{Rim, find_rim};
+use crate::calibrate::two_robots::find_two_robots;
 use crate::config::VisionConfig;
 use crate::image::Image;
 
@@ -83,6 +84,7 @@ pub fn calibrate_unknown_mirror(
     progress: &(dyn Fn(f32) + Sync),
 ) -> Result<UnknownMirror, CalibrationError> {
     let pictures: Vec<&Image> = images.iter().map(|image| &image.image).collect();
+    ensure_one_robot(&pictures, images)?;
     let rim = find_rim(&pictures).ok();
     let camera = start_camera(size_px, rim);
     progress(0.05);
@@ -168,6 +170,24 @@ fn search_images(
         total: images.len(),
         required: IMAGES_MIN,
         reasons: reasons.join("; "),
+    })
+}
+
+/// Refuses images of two robots, whose mirrors may be so alike that one map explains both.
+fn ensure_one_robot(pictures: &[&Image], images: &[NamedImage]) -> Result<(), CalibrationError> {
+    let Some(robots) = find_two_robots(pictures) else {
+        return Ok(());
+    };
+    let names = |indices: &[usize]| -> Vec<String> {
+        indices.iter().map(|&i| images[i].name.clone()).collect()
+    };
+    Err(CalibrationError::TwoCameras {
+        sign: format!(
+            "the robot's body, its rods and the mirror's rim lie {:.1} pixels apart in two groups of images",
+            robots.apart_px
+        ),
+        first: names(&robots.first),
+        second: names(&robots.second),
     })
 }
 
@@ -381,6 +401,7 @@ impl Attempt<'_> {
         }
         let name = |index: usize| images[index].name.clone();
         Err(CalibrationError::TwoCameras {
+            sign: "no map explains both".into(),
             first: (0..images.len())
                 .filter(|&i| is_used(i))
                 .map(name)
