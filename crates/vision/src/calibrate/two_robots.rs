@@ -2,7 +2,9 @@
 
 use rayon::prelude::*;
 
+use crate::calibrate::CalibrationError;
 use crate::calibrate::edge_field::EdgeField;
+use crate::calibrate::lines::NamedImage;
 use crate::calibrate::own_structure::{OwnStructure, distinct_places};
 use crate::calibrate::two_groups::{Row, TwoGroups, best_groups};
 use crate::image::Image;
@@ -29,17 +31,36 @@ const APART_MIN: f64 = 0.5;
 
 /// Images of two robots.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct TwoRobots {
+struct TwoRobots {
     /// Indices of the images of the robot with more of them.
-    pub(super) first: Vec<usize>,
+    first: Vec<usize>,
     /// Those of the other one.
-    pub(super) second: Vec<usize>,
+    second: Vec<usize>,
     /// Typical displacement of the static edges, pixels of the image.
-    pub(super) apart_px: f64,
+    apart_px: f64,
+}
+
+/// Refuses images of two robots, whose mirrors may be so alike that one map explains both.
+pub(super) fn ensure_one_robot(images: &[NamedImage]) -> Result<(), CalibrationError> {
+    let pictures: Vec<&Image> = images.iter().map(|image| &image.image).collect();
+    let Some(robots) = find_two_robots(&pictures) else {
+        return Ok(());
+    };
+    let names = |indices: &[usize]| -> Vec<String> {
+        indices.iter().map(|&i| images[i].name.clone()).collect()
+    };
+    Err(CalibrationError::TwoCameras {
+        sign: format!(
+            "the robot's body, its rods and the mirror's rim lie {:.1} pixels apart in two groups of images",
+            robots.apart_px
+        ),
+        first: names(&robots.first),
+        second: names(&robots.second),
+    })
 }
 
 /// The groups if the images are of two robots. Images of one size.
-pub(super) fn find_two_robots(images: &[&Image]) -> Option<TwoRobots> {
+fn find_two_robots(images: &[&Image]) -> Option<TwoRobots> {
     let step = images.len().div_ceil(IMAGES_MAX).max(1);
     let chosen: Vec<&&Image> = images.iter().step_by(step).collect();
     let fields: Vec<EdgeField> = chosen
@@ -58,7 +79,7 @@ pub(super) fn find_two_robots(images: &[&Image]) -> Option<TwoRobots> {
     let rows: Vec<Row> = places
         .iter()
         .map(|field| structure.displacements(field))
-        .filter(|row| shows_enough(row))
+        .filter(shows_enough)
         .collect();
     drop(fields);
     if rows.len() < 2 * PLACES_MIN {
@@ -93,7 +114,7 @@ fn shows_enough(row: &Row) -> bool {
 }
 
 /// Groups that both halves of the cells, taken like the squares of a chessboard, find by themselves, and that each tells
-/// apart in the displacements of the other half.
+/// apart in the displacements of the other half. The few images on which the halves differ belong to neither group there.
 fn decide(rows: &[Row], structure: &OwnStructure) -> Option<TwoGroups> {
     let is_white: Vec<bool> = structure
         .cells
@@ -112,17 +133,23 @@ fn decide(rows: &[Row], structure: &OwnStructure) -> Option<TwoGroups> {
     };
     let halves = [half(false), half(true)];
     let labels = [best_groups(&halves[0])?, best_groups(&halves[1])?];
-    let equal = labels[0]
-        .iter()
-        .zip(&labels[1])
-        .filter(|(a, b)| a == b)
-        .count();
-    let disagreeing = equal.min(rows.len() - equal);
-    let is_separate = |half: &[Row], labels: &[bool]| separation(half, labels) >= SEPARATION_MIN;
+    let equal = |index: &usize| labels[0][*index] == labels[1][*index];
+    let (equal, opposite): (Vec<usize>, Vec<usize>) = (0..rows.len()).partition(equal);
+    // Which group is called the first is chance.
+    let (decided, undecided) = if equal.len() >= opposite.len() {
+        (equal, opposite)
+    } else {
+        (opposite, equal)
+    };
+    let is_separate = |half: &[Row], labels: &[bool]| {
+        let rows: Vec<Row> = decided.iter().map(|&index| half[index].clone()).collect();
+        let labels: Vec<bool> = decided.iter().map(|&index| labels[index]).collect();
+        separation(&rows, &labels) >= SEPARATION_MIN
+    };
     let labels_of_all = best_groups(rows)?;
     let members = labels_of_all.iter().filter(|&&label| label).count();
     let groups = TwoGroups::new(rows, &labels_of_all, None);
-    let is_decided = disagreeing as f64 <= DISAGREEING_SHARE_MAX * rows.len() as f64
+    let is_decided = undecided.len() as f64 <= DISAGREEING_SHARE_MAX * rows.len() as f64
         && members.min(rows.len() - members) >= PLACES_MIN
         && is_separate(&halves[1], &labels[0])
         && is_separate(&halves[0], &labels[1])
@@ -152,4 +179,113 @@ fn separation(rows: &[Row], labels: &[bool]) -> f64 {
         .sum();
     let deviation = (squares / (rows.len() - 2) as f64).sqrt();
     (means[1] - means[0]) / deviation.max(1e-9)
+}
+
+#[cfg(test)]
+mod tests {
+    use localize::math::{cos, exp, sin};
+
+    use super::*;
+
+    const SIDE: usize = 360;
+
+    /// Numbers from 0 to 1 that look random (a linear congruential generator).
+    struct Numbers(u64);
+
+    impl Numbers {
+        fn next(&mut self) -> f32 {
+            self.0 = self
+                .0
+                .wrapping_mul(6364136223846793005)
+                .wrapping_add(1442695040888963407);
+            (self.0 >> 40) as f32 / (1 << 24) as f32
+        }
+    }
+
+    /// Distance to a line of this direction through a point, pixels.
+    fn distance([x, y]: [f32; 2], through: [f32; 2], direction: f32) -> f32 {
+        ((y - through[1]) * cos(direction) - (x - through[0]) * sin(direction)).abs()
+    }
+
+    fn profile(distance: f32, width: f32) -> f32 {
+        exp(-0.5 * (distance / width) * (distance / width))
+    }
+
+    /// A carpet with lines of its own, and a robot: a square body with three rods, moved by `shift` pixels.
+    fn picture(place: u64, shift: [f32; 2], light: f32) -> Image {
+        let mut numbers = Numbers(place.wrapping_mul(7919) + 1);
+        let side = SIDE as f32;
+        let lines: Vec<([f32; 2], f32)> = (0..6)
+            .map(|_| {
+                (
+                    [side * numbers.next(), side * numbers.next()],
+                    3.1 * numbers.next(),
+                )
+            })
+            .collect();
+        let centre = shift.map(|offset| 0.5 * side + offset);
+        let mut rgb = Vec::new();
+        for (v, u) in (0..SIDE).flat_map(|v| (0..SIDE).map(move |u| (v, u))) {
+            let at = [u as f32, v as f32];
+            let line = lines
+                .iter()
+                .map(|&(through, direction)| profile(distance(at, through, direction), 2.5));
+            let mut level = 90.0 + 110.0 * line.fold(0.0, f32::max);
+            let [x, y] = [at[0] - centre[0], at[1] - centre[1]];
+            let rods = [[y.abs(), x], [y.abs(), -x], [x.abs(), -y]];
+            for [across, along] in rods {
+                level *= if along > 0.0 {
+                    1.0 - 0.8 * profile(across, 3.0)
+                } else {
+                    1.0
+                };
+            }
+            let outside = x.abs().max(y.abs()) - 30.0;
+            level *= 0.2 + 0.8 / (1.0 + exp(-outside / 2.0));
+            let noise = 6.0 * (numbers.next() - 0.5);
+            rgb.extend([(light * level + noise).clamp(0.0, 255.0) as u8; 3]);
+        }
+        Image {
+            width_px: SIDE,
+            height_px: SIDE,
+            rgb,
+        }
+    }
+
+    fn find(images: &[Image]) -> Option<TwoRobots> {
+        find_two_robots(&images.iter().collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn robots_whose_bodies_lie_two_pixels_apart_are_told_apart() {
+        let images: Vec<Image> = (0..12)
+            .map(|i| picture(i, if i % 3 == 2 { [1.5, 1.5] } else { [0.0; 2] }, 1.0))
+            .collect();
+        let robots = find(&images).expect("two robots");
+        assert_eq!(robots.second, [2, 5, 8, 11]);
+        assert_eq!(robots.first.len(), 8);
+        assert!((0.8..2.5).contains(&robots.apart_px), "{robots:?}");
+    }
+
+    #[test]
+    fn one_robot_in_two_lights_is_one() {
+        let images: Vec<Image> = (0..12)
+            .map(|i| picture(i, [0.0; 2], if i < 6 { 0.5 } else { 1.6 }))
+            .collect();
+        assert_eq!(find(&images), None);
+    }
+
+    #[test]
+    fn places_where_a_robot_stood_for_long_are_no_robots() {
+        let images: Vec<Image> = (0..16).map(|i| picture(i / 8, [0.0; 2], 1.0)).collect();
+        assert_eq!(find(&images), None);
+    }
+
+    #[test]
+    fn one_foreign_image_does_not_show_a_robot() {
+        let images: Vec<Image> = (0..10)
+            .map(|i| picture(i, if i == 4 { [1.5, 1.5] } else { [0.0; 2] }, 1.0))
+            .collect();
+        assert_eq!(find(&images), None);
+    }
 }

@@ -23,7 +23,7 @@ use crate::calibrate::map_alignment::PlanarTransform;
 use crate::calibrate::mirror_search::{MirrorHypothesis, MirrorSearch, SearchImage};
 use crate::calibrate::radial_model::KnownSizes;
 use crate::calibrate::rim::{Rim, find_rim};
-use crate::calibrate::two_robots::find_two_robots;
+use crate::calibrate::two_robots::ensure_one_robot;
 use crate::config::VisionConfig;
 use crate::image::Image;
 
@@ -84,11 +84,11 @@ pub fn calibrate_unknown_mirror(
     progress: &(dyn Fn(f32) + Sync),
 ) -> Result<UnknownMirror, CalibrationError> {
     let pictures: Vec<&Image> = images.iter().map(|image| &image.image).collect();
-    ensure_one_robot(&pictures, images)?;
     let rim = find_rim(&pictures).ok();
     let camera = start_camera(size_px, rim);
     progress(0.05);
     let all = search_images(&camera, field, images, vision_config)?;
+    ensure_one_robot(images)?;
     progress(0.1);
     let attempt = Attempt {
         rim_px: f64::from(camera.outer_radius_px.unwrap_or(1.0)),
@@ -170,24 +170,6 @@ fn search_images(
         total: images.len(),
         required: IMAGES_MIN,
         reasons: reasons.join("; "),
-    })
-}
-
-/// Refuses images of two robots, whose mirrors may be so alike that one map explains both.
-fn ensure_one_robot(pictures: &[&Image], images: &[NamedImage]) -> Result<(), CalibrationError> {
-    let Some(robots) = find_two_robots(pictures) else {
-        return Ok(());
-    };
-    let names = |indices: &[usize]| -> Vec<String> {
-        indices.iter().map(|&i| images[i].name.clone()).collect()
-    };
-    Err(CalibrationError::TwoCameras {
-        sign: format!(
-            "the robot's body, its rods and the mirror's rim lie {:.1} pixels apart in two groups of images",
-            robots.apart_px
-        ),
-        first: names(&robots.first),
-        second: names(&robots.second),
     })
 }
 
