@@ -39,7 +39,7 @@ def wait_for(path: Path) -> None:
 
 
 def hardware(folder: Path, *more: object, scenario: Path = SCENARIO) -> subprocess.Popen[str]:
-    process = start("sim", scenario, "--hardware", folder, "--duration", 120, "--json", *more)
+    process = start("sim", scenario, "--hardware", folder, "--duration", 300, "--json", *more)
     wait_for(folder / "hardware.toml")
     return process
 
