@@ -25,9 +25,36 @@ const LANDMARK_CONTRAST: f32 = 20.0;
 /// Largest difference of one landmark, and difference that noise explains, brightness levels.
 const DIFFERENCE_MAX: f32 = 60.0;
 const DIFFERENCE_NOISE: f32 = 6.0;
-/// A turn is believed if landmarks differ by this factor less after it than without it, in this number of images.
+/// An image shows a place of the parts if landmarks differ by this factor less there than at another place.
 const RATIO_MIN: f32 = 2.0;
+/// A turn is believed if so many of the last 32 images show it, and none after them the parts in place.
 const CONFIRMATIONS: u32 = 6;
+
+/// What one image says of the camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    /// The robot's parts are where they were, or not known yet.
+    InPlace,
+    /// Nothing: the robot stands, or its parts fit neither place.
+    Undecided,
+    /// Degrees counter-clockwise in the image: 90, 180 or 270.
+    Turned(u32),
+}
+
+/// A turn of the camera in its mount, or of the mirror with it.
+#[derive(Debug, Clone, Copy)]
+struct Turn {
+    /// Counter-clockwise, quarters.
+    quarter: usize,
+    pivot: Pivot,
+}
+
+/// The point of the image that stays in place.
+#[derive(Debug, Clone, Copy)]
+enum Pivot {
+    Mirror,
+    Camera,
+}
 
 /// What stays in place in the images of one camera.
 #[derive(Debug, Clone)]
@@ -35,11 +62,15 @@ pub(super) struct MountingCheck {
     pixels: Vec<Option<[u16; 2]>>,
     /// Twice the column and row of the image's centre: a camera turns about its own axis, not about the mirror's.
     twice_centre_px: [i32; 2],
+    /// For one to three quarter turns about the image's centre: the sample nearest to where a sample's content was before.
+    camera_sources: [Vec<Option<usize>>; 3],
     mean: Vec<f32>,
     variance: Vec<f32>,
     levels: Vec<f32>,
     images: u32,
-    suspect: (u32, u32),
+    /// The turn that is suspected, degrees, and which of the last images show it: a bit each, the latest is the lowest.
+    suspected_deg: u32,
+    votes: u32,
 }
 
 impl MountingCheck {
@@ -47,7 +78,7 @@ impl MountingCheck {
         let [u, v] = camera.centre_px;
         let side = map.width_px.min(map.height_px) as f32;
         let outer = camera.outer_radius_px.unwrap_or(side / 2.0);
-        let pixels = (0..ANGLES * RADII)
+        let pixels: Vec<Option<[u16; 2]>> = (0..ANGLES * RADII)
             .map(|index| {
                 let angle = std::f32::consts::TAU * (index % ANGLES) as f32 / ANGLES as f32;
                 let part = (index / ANGLES) as f32 / (RADII - 1) as f32;
@@ -60,25 +91,36 @@ impl MountingCheck {
                 inside.then(|| at.map(|pixel| pixel as u16))
             })
             .collect();
+        let twice_centre_px = [map.width_px, map.height_px].map(|size| size as i32 - 1);
+        let camera_sources = [1, 2, 3].map(|quarter| {
+            let source = |pixel: &Option<[u16; 2]>| {
+                let [column, row] = turned_px(twice_centre_px, (*pixel)?, 4 - quarter)?;
+                let [x, y] = [f32::from(column) - u, v - f32::from(row)];
+                nearest_sample(math::hypot(x, y) / outer, math::atan2(y, x))
+            };
+            pixels.iter().map(source).collect()
+        });
         MountingCheck {
             pixels,
-            twice_centre_px: [map.width_px, map.height_px].map(|size| size as i32 - 1),
+            twice_centre_px,
+            camera_sources,
             mean: vec![0.0; ANGLES * RADII],
             variance: vec![0.0; ANGLES * RADII],
             levels: vec![0.0; ANGLES * RADII],
             images: 0,
-            suspect: (0, 0),
+            suspected_deg: 0,
+            votes: 0,
         }
     }
 
     /// The next image does not follow the last: what was suspected before says nothing about it.
     pub(super) fn restart_run(&mut self) {
-        self.suspect = (0, 0);
+        self.votes = 0;
     }
 
-    /// The turn that enough images in a row have shown, degrees counter-clockwise in the image.
+    /// The turn that enough of the last images have shown, degrees counter-clockwise in the image.
     pub(super) fn turn_deg(&self) -> Option<u32> {
-        (self.suspect.1 >= CONFIRMATIONS).then_some(self.suspect.0)
+        (self.votes.count_ones() >= CONFIRMATIONS).then_some(self.suspected_deg)
     }
 
     /// Compares an image with what earlier ones had in common.
@@ -88,13 +130,18 @@ impl MountingCheck {
                 *level = brightest_channel(image, *pixel);
             }
         }
-        let turn = self.most_likely_turn(image);
-        self.suspect = match (turn, self.suspect) {
-            (0, _) => (0, 0),
-            (turn, (before, count)) if turn == before => (turn, count + 1),
-            (turn, _) => (turn, 1),
-        };
-        if turn == 0 {
+        let verdict = self.judge(image);
+        self.votes <<= 1;
+        match verdict {
+            Verdict::InPlace => self.votes = 0,
+            Verdict::Turned(turn) if self.votes == 0 || turn == self.suspected_deg => {
+                self.suspected_deg = turn;
+                self.votes |= 1;
+            }
+            Verdict::Turned(_) | Verdict::Undecided => {}
+        }
+        // What is suspected must not be learned.
+        if self.votes == 0 {
             self.remember();
         }
     }
@@ -114,10 +161,9 @@ impl MountingCheck {
         }
     }
 
-    /// 0, 90, 180 or 270.
-    fn most_likely_turn(&self, image: &ImageView<'_>) -> u32 {
+    fn judge(&self, image: &ImageView<'_>) -> Verdict {
         if self.images < IMAGES_MIN {
-            return 0;
+            return Verdict::InPlace;
         }
         let seen = |index: &usize| self.pixels[*index].is_some();
         let mut variances: Vec<f32> = (0..self.levels.len())
@@ -125,41 +171,53 @@ impl MountingCheck {
             .map(|index| self.variance[index])
             .collect();
         if variances.is_empty() {
-            return 0;
+            return Verdict::Undecided;
         }
         let middle = variances.len() / 2;
         let (_, median, _) = variances.select_nth_unstable_by(middle, f32::total_cmp);
         // Of a robot at rest everything stays in place.
         if *median < MOVING_STD * MOVING_STD {
-            return 0;
+            return Verdict::Undecided;
         }
         let landmarks: Vec<usize> = self.landmarks();
         if landmarks.len() < LANDMARKS_MIN {
-            return 0;
+            return Verdict::Undecided;
         }
-        let difference = |quarter: &usize| self.turned_difference(image, &landmarks, *quarter);
-        let Some(best) = (1..4).min_by(|a, b| difference(a).total_cmp(&difference(b))) else {
-            return 0;
+        let turns = (1..4).flat_map(|quarter| {
+            [Pivot::Mirror, Pivot::Camera].map(|pivot| Turn { quarter, pivot })
+        });
+        let difference = |turn: &Turn| self.turned_difference(image, &landmarks, *turn);
+        let Some(best) = turns.min_by(|a, b| difference(a).total_cmp(&difference(b))) else {
+            return Verdict::Undecided;
         };
-        // Rods in four directions look the same after a turn: landmarks that it would change can tell alone.
-        let telling: Vec<usize> = landmarks
-            .iter()
-            .copied()
-            .filter(|&index| {
-                let other = turned_place(index, best, 0);
-                self.pixels[other].is_some()
-                    && (self.mean[other] - self.mean[index]).abs() > LANDMARK_CONTRAST
+        // Rods in four directions look the same after a turn: landmarks that it would change tell.
+        let is_changed = |index: &usize| {
+            self.source(*index, best).is_some_and(|source| {
+                self.pixels[source].is_some()
+                    && (self.mean[source] - self.mean[*index]).abs() > LANDMARK_CONTRAST
             })
-            .collect();
-        let fits = |set: &[usize]| {
-            let turned = self.turned_difference(image, set, best);
-            set.len() >= LANDMARKS_MIN
-                && self.difference_in_place(set) > RATIO_MIN * turned.max(DIFFERENCE_NOISE)
         };
-        if fits(&landmarks) || fits(&telling) {
-            90 * best as u32
+        let telling: Vec<usize> = landmarks.into_iter().filter(is_changed).collect();
+        if telling.len() < LANDMARKS_MIN {
+            return Verdict::Undecided;
+        }
+        let in_place = self.difference_in_place(&telling);
+        let turned = self.turned_difference(image, &telling, best);
+        let is_better = |one: f32, other: f32| other > RATIO_MIN * one.max(DIFFERENCE_NOISE);
+        if is_better(turned, in_place) {
+            Verdict::Turned(90 * best.quarter as u32)
+        } else if is_better(in_place, turned) {
+            Verdict::InPlace
         } else {
-            0
+            Verdict::Undecided
+        }
+    }
+
+    /// The sample where a sample's content was before a turn.
+    fn source(&self, index: usize, turn: Turn) -> Option<usize> {
+        match turn.pivot {
+            Pivot::Mirror => Some(turned_place(index, 4 - turn.quarter, 0)),
+            Pivot::Camera => self.camera_sources[turn.quarter - 1][index],
         }
     }
 
@@ -170,35 +228,25 @@ impl MountingCheck {
         })
     }
 
-    /// The same after quarter turns about the mirror's axis or about the image's centre, whichever fits better.
-    fn turned_difference(&self, image: &ImageView<'_>, landmarks: &[usize], quarter: usize) -> f32 {
-        // About the mirror's axis, exact to a sample.
-        let about_mirror = mean_difference(landmarks, |index| {
-            [ANGLES - 1, 0, 1]
+    /// The same after a turn.
+    fn turned_difference(&self, image: &ImageView<'_>, landmarks: &[usize], turn: Turn) -> f32 {
+        let quarter = turn.quarter;
+        mean_difference(landmarks, |index| match turn.pivot {
+            // Exact to a sample.
+            Pivot::Mirror => [ANGLES - 1, 0, 1]
                 .map(|beside| turned_place(index, quarter, beside))
                 .into_iter()
                 .filter(|&turned| self.pixels[turned].is_some())
                 .map(|turned| (self.levels[turned] - self.mean[index]).abs())
-                .fold(DIFFERENCE_MAX, f32::min)
-        });
-        let about_camera = mean_difference(landmarks, |index| {
-            let place = self.pixels[index].and_then(|pixel| self.turned_px(pixel, quarter));
-            place.map_or(DIFFERENCE_MAX, |pixel| {
-                (brightest_channel(image, pixel) - self.mean[index]).abs()
-            })
-        });
-        about_mirror.min(about_camera)
-    }
-
-    /// Where a pixel is after counter-clockwise quarter turns about the image's centre; None outside the image.
-    fn turned_px(&self, pixel: [u16; 2], quarter: usize) -> Option<[u16; 2]> {
-        let [cu, cv] = self.twice_centre_px;
-        let [mut du, mut dv] = [0, 1].map(|i| 2 * i32::from(pixel[i]) - self.twice_centre_px[i]);
-        for _ in 0..quarter {
-            (du, dv) = (dv, -du);
-        }
-        let inside = du.abs() <= cu && dv.abs() <= cv;
-        inside.then(|| [(cu + du) / 2, (cv + dv) / 2].map(|at| at as u16))
+                .fold(DIFFERENCE_MAX, f32::min),
+            Pivot::Camera => {
+                let place = self.pixels[index]
+                    .and_then(|pixel| turned_px(self.twice_centre_px, pixel, quarter));
+                place.map_or(DIFFERENCE_MAX, |pixel| {
+                    (brightest_channel(image, pixel) - self.mean[index]).abs()
+                })
+            }
+        })
     }
 
     /// Samples that stay the same while others change, and differ from the median of their radius.
@@ -216,6 +264,26 @@ impl MountingCheck {
         }
         landmarks
     }
+}
+
+/// The sample nearest to a radius (share of the mirror's) and an angle; None outside the samples.
+fn nearest_sample(radius: f32, angle: f32) -> Option<usize> {
+    let [near, far] = RADIUS_RANGE;
+    let ring = ((radius - near) / (far - near) * (RADII - 1) as f32).round();
+    let turns = angle / std::f32::consts::TAU * ANGLES as f32;
+    let inside = (0.0..RADII as f32).contains(&ring);
+    inside
+        .then(|| ring as usize * ANGLES + (turns.round() as i32).rem_euclid(ANGLES as i32) as usize)
+}
+
+/// Where a pixel is after counter-clockwise quarter turns about the image's centre; None outside the image.
+fn turned_px([cu, cv]: [i32; 2], pixel: [u16; 2], quarter: usize) -> Option<[u16; 2]> {
+    let (mut du, mut dv) = (2 * i32::from(pixel[0]) - cu, 2 * i32::from(pixel[1]) - cv);
+    for _ in 0..quarter {
+        (du, dv) = (dv, -du);
+    }
+    let inside = du.abs() <= cu && dv.abs() <= cv;
+    inside.then(|| [(cu + du) / 2, (cv + dv) / 2].map(|at| at as u16))
 }
 
 /// The place of a sample after quarter turns about the mirror's axis, and so many angles beside it.
