@@ -224,3 +224,26 @@ fn rim_that_the_image_cuts_is_found_from_its_corners() {
 fn image_without_a_dark_border_has_no_rim() {
     assert!(find_rim(&[&cropped_disc([80.0, 60.0], 400.0)]).is_err());
 }
+
+#[test]
+fn field_a_fifth_smaller_is_refused_in_favour_of_the_right_one() {
+    let calibrate = |name: &str, other: &str| {
+        let other = format!("config/fields/{other}");
+        calibrate_unknown_mirror(
+            [480, 480],
+            &field(&format!("config/fields/{name}")),
+            &[(other.clone(), field(&other))],
+            &images(0..20),
+            &VisionConfig::default(),
+            &|_| (),
+        )
+    };
+    let refused = calibrate("custom.toml", "msl_18x12.toml");
+    assert!(
+        matches!(refused, Err(CalibrationError::WrongField { ref hint, .. }) if hint.contains("msl_18x12.toml")),
+        "{:?}",
+        refused.map(|_| ())
+    );
+    let accepted = calibrate("msl_18x12.toml", "custom.toml");
+    assert!(accepted.is_ok(), "{:?}", accepted.err());
+}

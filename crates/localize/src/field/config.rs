@@ -187,6 +187,52 @@ impl FieldConfig {
         }
     }
 
+    /// The field with all lengths multiplied by `factor`: a mirror that hangs lower by as much shows the same.
+    pub fn scaled(&self, factor: f32) -> FieldConfig {
+        let area = |area: Area| Area {
+            depth: factor * area.depth,
+            width: factor * area.width,
+        };
+        let lengths = |values: &[f32; 4]| values.map(|value| factor * value);
+        FieldConfig {
+            length: factor * self.length,
+            width: factor * self.width,
+            measured_to: self.measured_to,
+            line_width: factor * self.line_width,
+            border: factor * self.border,
+            centre_circle_radius: factor * self.centre_circle_radius,
+            corner_arc_radius: factor * self.corner_arc_radius,
+            spot_radius: factor * self.spot_radius,
+            penalty_spot: factor * self.penalty_spot,
+            goal_area: area(self.goal_area),
+            penalty_area: area(self.penalty_area),
+            goal: GoalConfig {
+                width: factor * self.goal.width,
+                height: factor * self.goal.height,
+                depth: factor * self.goal.depth,
+                post: factor * self.goal.post,
+                colours: self.goal.colours,
+            },
+            walls: self.walls,
+            boundary: self.boundary,
+            halfway_line: self.halfway_line,
+            extra_lines: self.extra_lines.iter().map(lengths).collect(),
+            extra_arcs: self
+                .extra_arcs
+                .iter()
+                .map(|&[x, y, radius, start, sweep]| {
+                    [factor * x, factor * y, factor * radius, start, sweep]
+                })
+                .collect(),
+            extra_lines_std: self.extra_lines_std.iter().map(lengths).collect(),
+            extra_arcs_std: self
+                .extra_arcs_std
+                .iter()
+                .map(|stds| stds.map(|std| factor * std))
+                .collect(),
+        }
+    }
+
     /// Returns an error for sizes that are out of range or contradict each other.
     pub(super) fn check(&self) -> Result<(), FieldError> {
         check(self)

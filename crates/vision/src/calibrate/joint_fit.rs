@@ -112,6 +112,8 @@ pub(super) struct ImageFit {
     /// Points inside the boundary lines: clutter beside the field says nothing about the map.
     pub(super) on_field_count: f64,
     pub(super) rms_px: f64,
+    /// Mean cost of its points: the negative logarithm of a density with heavy tails, which outliers hardly change.
+    pub(super) cost: f64,
 }
 
 /// Residual of one point.
@@ -287,8 +289,10 @@ impl<'a, M: MapModel> JointFit<'a, M> {
     /// Residual of an image at the present fit.
     pub(super) fn evaluate(&self, image: &FitImage<M::Point>) -> ImageFit {
         let (mut squares, mut inliers, mut relative, mut on_field) = (0.0, 0.0, 0.0, 0.0);
+        let mut costs = 0.0;
         for fit in image.points.iter().filter_map(|it| self.fit_of(image, it)) {
             on_field += f64::from(u8::from(fit.is_on_field));
+            costs += math::ln(1.0 + fit.distance * fit.distance / fit.variance);
             if fit.is_inlier {
                 let squared = fit.distance * fit.distance;
                 squares += squared;
@@ -301,6 +305,7 @@ impl<'a, M: MapModel> JointFit<'a, M> {
             inlier_count: inliers,
             on_field_count: on_field,
             rms_px: 0.5 * (relative / f64::max(inliers, 1.0)).sqrt(),
+            cost: costs / image.points.len() as f64,
         }
     }
 

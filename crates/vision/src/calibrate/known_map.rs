@@ -5,12 +5,14 @@ use localize::robot::CameraConfig;
 
 use crate::calibrate::CalibrationError;
 use crate::calibrate::acceptance::{
-    BETTER_FIELD_ODDS, ensure_field_explains, ensure_halves_agree, ensure_most_images_count,
-    is_doubtful, odds,
+    ensure_field_explains, ensure_halves_agree, ensure_most_images_count, is_doubtful,
 };
 use crate::calibrate::halves::compare_halves;
 use crate::calibrate::lines::{LinesCalibration, NamedImage, fit_guess};
 use crate::calibrate::map_continuation::continue_map;
+use crate::calibrate::rival_fields::{
+    ensure_no_scaled_field_fits_better, ensure_none_is_better, explained_share,
+};
 use crate::config::VisionConfig;
 use crate::optics::ground_map::GroundMap;
 
@@ -34,6 +36,14 @@ pub fn calibrate_lines(
             ensure_no_field_fits_better(&found, other_fields, fit)?;
         }
         ensure_field_explains(found.on_field_share, disagreement)?;
+        ensure_no_scaled_field_fits_better(
+            &found,
+            camera,
+            field,
+            other_fields,
+            images,
+            vision_config,
+        )?;
         ensure_halves_agree(disagreement)?;
         let used = found.images.iter().filter(|image| image.left_out.is_none());
         ensure_most_images_count(used.count(), images.len(), disagreement)?;
@@ -56,29 +66,8 @@ fn ensure_no_field_fits_better(
     // A field on which too few images find a place explains nothing.
     let others = other_fields
         .iter()
-        .filter_map(|(name, other)| Some((name, explained_share(&fit(other).ok()?))));
-    let best = others.max_by(|a, b| a.1.total_cmp(&b.1));
-    match best {
-        Some((name, other)) if odds(other) > BETTER_FIELD_ODDS * odds(own) => {
-            Err(CalibrationError::WrongField {
-                share_percent: (100.0 * own) as u32,
-                hint: format!(
-                    "{name} fits better, with {:.0} %. If the field file is right, the initial map is of another mirror: try \
-                     --from-nothing",
-                    100.0 * other
-                ),
-            })
-        }
-        _ => Ok(()),
-    }
-}
-
-/// Share of the line points of all images that a calibration puts on markings.
-fn explained_share(found: &LinesCalibration) -> f64 {
-    let points = |used_only: bool| {
-        let images = found.images.iter();
-        let counted = images.filter(|image| !used_only || image.left_out.is_none());
-        counted.map(|image| image.points as f64).sum::<f64>()
-    };
-    found.inlier_share * points(true) / points(false).max(1.0)
+        .filter_map(|(name, other)| Some((name.as_str(), explained_share(&fit(other).ok()?))));
+    let advice =
+        ". If the field file is right, the initial map is of another mirror: try --from-nothing";
+    ensure_none_is_better(own, others, advice)
 }

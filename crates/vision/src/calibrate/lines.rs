@@ -48,6 +48,8 @@ pub struct LinesCalibration {
     pub inlier_share: f64,
     /// As `inlier_share`, of the points inside the boundary lines: beside the field there is clutter.
     pub on_field_share: f64,
+    /// Mean cost of the points of each image. NaN if it has no pose.
+    pub(super) costs: Vec<f64>,
 }
 
 /// Scales and powers of the initial search: a guess may be 30 % off and have the wrong curvature.
@@ -290,6 +292,7 @@ fn summarize_fit(
         });
     }
     let mut poses = vec![None; images.len()];
+    let mut costs = vec![f64::NAN; images.len()];
     let (mut squares, mut inliers, mut points, mut used) = (0.0, 0.0, 0.0, 0);
     let mut on_field = 0.0;
     for image in &fit.images {
@@ -297,6 +300,7 @@ fn summarize_fit(
         let residual = &mut residuals[image.index];
         residual.points = image.points.len();
         residual.rms_px = evaluation.rms_px;
+        costs[image.index] = evaluation.cost;
         let share = evaluation.inlier_count / image.points.len() as f64;
         residual.left_out = (!image.used || share < INLIER_SHARE_MIN)
             .then(|| format!("only {:.0} % of its points lie on markings", 100.0 * share));
@@ -329,5 +333,6 @@ fn summarize_fit(
         rms: (squares / f64::max(inliers, 1.0)).sqrt(),
         inlier_share: inliers / f64::max(points, 1.0),
         on_field_share: (inliers / f64::max(on_field, 1.0)).min(1.0),
+        costs,
     })
 }

@@ -21,6 +21,7 @@ mod radial_family;
 mod radial_model;
 mod repeated_images;
 pub mod rim;
+mod rival_fields;
 pub mod strip;
 mod strip_edges;
 pub mod strip_target;

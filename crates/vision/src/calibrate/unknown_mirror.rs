@@ -10,9 +10,7 @@ use localize::robot::CameraConfig;
 use rayon::prelude::*;
 
 use crate::calibrate::CalibrationError;
-use crate::calibrate::acceptance::{
-    BETTER_FIELD_ODDS, ensure_field_explains, ensure_halves_agree, is_doubtful, odds,
-};
+use crate::calibrate::acceptance::{ensure_field_explains, ensure_halves_agree, is_doubtful, odds};
 use crate::calibrate::halves::{Disagreement, compare_halves};
 use crate::calibrate::joint_fit::Markings;
 use crate::calibrate::line_pixels::detect_line_pixels;
@@ -23,6 +21,7 @@ use crate::calibrate::map_alignment::PlanarTransform;
 use crate::calibrate::mirror_search::{MirrorHypothesis, MirrorSearch, SearchImage};
 use crate::calibrate::radial_model::KnownSizes;
 use crate::calibrate::rim::{Rim, find_rim};
+use crate::calibrate::rival_fields::{ensure_no_scaled_field_fits_better, ensure_none_is_better};
 use crate::calibrate::two_robots::ensure_one_robot;
 use crate::config::VisionConfig;
 use crate::image::Image;
@@ -115,9 +114,17 @@ pub fn calibrate_unknown_mirror(
         let own = accepted.map_or(0.0, |found| found.search_share);
         attempt.ensure_no_better_field(field, other_fields, own)?;
     }
-    progress(1.0);
     let found = result?;
     found.ensure_accepted()?;
+    ensure_no_scaled_field_fits_better(
+        &found.calibration,
+        &found.camera,
+        field,
+        other_fields,
+        images,
+        vision_config,
+    )?;
+    progress(1.0);
     Ok(found)
 }
 
@@ -228,7 +235,7 @@ impl Attempt<'_> {
         progress: &(dyn Fn(f32) + Sync),
     ) -> Result<UnknownMirror, CalibrationError> {
         let chosen = choose_images(self.all, SEARCH_IMAGES);
-        let step = |done: f32| progress(0.1 + 0.6 * done);
+        let step = |done: f32| progress(0.1 + 0.4 * done);
         let ranked = self.rank_models(&chosen, field, REFINED, &step);
         let model = self.decide(field, &ranked)?.model;
         let rim_camera = camera;
@@ -238,11 +245,11 @@ impl Attempt<'_> {
         };
         let start = model.ground_map(&camera, MAP_RANGE_MAX);
         let mut calibration = refine_map(&camera, &start, field, images, vision_config)?;
-        progress(0.8);
+        progress(0.55);
         self.separate_cameras(field, &calibration, images)?;
         let disagreement =
             compare_halves(&camera, &start, field, images, vision_config, &calibration);
-        progress(0.9);
+        progress(0.65);
         fix_robot_frame(&mut calibration, rim_camera);
         Ok(UnknownMirror {
             camera,
@@ -336,21 +343,14 @@ impl Attempt<'_> {
             ranked.first().map_or(0.0, |best| best.score)
         };
         let own = score(field).max(own);
-        let best = others
+        let scores = others
             .iter()
-            .map(|(name, other)| (name, score(other)))
-            .max_by(|a, b| a.1.total_cmp(&b.1));
-        match best {
-            Some((name, other))
-                if other >= SEARCH_SHARE_MIN && odds(other) > BETTER_FIELD_ODDS * odds(own) =>
-            {
-                Err(CalibrationError::WrongField {
-                    share_percent: (100.0 * own) as u32,
-                    hint: format!("{name} fits better, with {:.0} %", 100.0 * other),
-                })
-            }
-            _ => Ok(()),
-        }
+            .map(|(name, other)| (name.as_str(), score(other)));
+        ensure_none_is_better(
+            own,
+            scores.filter(|(_, score)| *score >= SEARCH_SHARE_MIN),
+            "",
+        )
     }
 
     /// An error if images that the map does not explain have a map of their own.

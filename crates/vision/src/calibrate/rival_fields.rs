@@ -1,0 +1,141 @@
+//! Does another known field explain the images better? A lower mirror over a smaller field of the same shape shows nearly the
+//! same, so the map that was found is tried on each other field, scaled to the size of the given one: residuals and their
+//! limits are then of one scale.
+
+use localize::Field;
+use localize::robot::CameraConfig;
+
+use crate::calibrate::CalibrationError;
+use crate::calibrate::acceptance::{BETTER_FIELD_ODDS, odds};
+use crate::calibrate::lines::{IMAGES_MIN, LinesCalibration, NamedImage, fit_guess};
+use crate::config::VisionConfig;
+
+/// Images of the comparison, evenly over those that the map explains.
+const COMPARED_IMAGES: usize = 24;
+
+/// Mean costs are compared in standard errors of their difference over the images.
+const ERRORS_APART: f64 = 2.0;
+
+/// Standard error of a mean cost from the fit itself: fields of one shape differ by nothing else.
+const FIT_ERROR: f64 = 0.02;
+
+/// Refuses a calibration if the map explains the same images better on one of the other fields, scaled.
+///
+/// `found`: the calibration of `images` on `field`, by `camera`. `other_fields`: named.
+pub(super) fn ensure_no_scaled_field_fits_better(
+    found: &LinesCalibration,
+    camera: &CameraConfig,
+    field: &Field,
+    other_fields: &[(String, Field)],
+    images: &[NamedImage],
+    vision_config: &VisionConfig,
+) -> Result<(), CalibrationError> {
+    let used: Vec<&NamedImage> = images
+        .iter()
+        .zip(&found.images)
+        .filter(|(_, residual)| residual.left_out.is_none())
+        .map(|(image, _)| image)
+        .collect();
+    let step = used.len().div_ceil(COMPARED_IMAGES).max(1);
+    let compared: Vec<NamedImage> = used.into_iter().step_by(step).cloned().collect();
+    let fit = |field: &Field| fit_guess(camera, &found.map, field, &compared, vision_config);
+    // A field on which too few images find a place explains nothing.
+    let Ok(own) = fit(field) else {
+        return Ok(());
+    };
+    let better = other_fields.iter().filter_map(|(name, other)| {
+        let scaled = other.config.scaled(size(field) / size(other));
+        let other = fit(&Field::new(scaled).ok()?).ok()?;
+        is_cheaper(&other.costs, &own.costs).then(|| (name, explained_share(&other)))
+    });
+    match better.max_by(|a, b| a.1.total_cmp(&b.1)) {
+        Some((name, other)) => Err(wrong_field(explained_share(&own), name, other, "")),
+        None => Ok(()),
+    }
+}
+
+/// True if the costs of images are less than other costs of the same images by more than chance. NaN: not fitted.
+fn is_cheaper(costs: &[f64], than: &[f64]) -> bool {
+    let savings: Vec<f64> = costs
+        .iter()
+        .zip(than)
+        .map(|(cost, than)| than - cost)
+        .filter(|saving| saving.is_finite())
+        .collect();
+    if savings.len() < IMAGES_MIN {
+        return false;
+    }
+    let count = savings.len() as f64;
+    let mean = savings.iter().sum::<f64>() / count;
+    let squares: f64 = savings.iter().map(|saving| (saving - mean).powi(2)).sum();
+    let variance = squares / (count - 1.0) / count + FIT_ERROR * FIT_ERROR;
+    mean > ERRORS_APART * variance.sqrt()
+}
+
+/// Refuses a share of points on markings if that on another field is better by far. `advice`: appended to the message.
+pub(super) fn ensure_none_is_better<'a>(
+    own: f64,
+    others: impl Iterator<Item = (&'a str, f64)>,
+    advice: &str,
+) -> Result<(), CalibrationError> {
+    match others.max_by(|a, b| a.1.total_cmp(&b.1)) {
+        Some((name, other)) if odds(other) > BETTER_FIELD_ODDS * odds(own) => {
+            Err(wrong_field(own, name, other, advice))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn wrong_field(own: f64, name: &str, other: f64, advice: &str) -> CalibrationError {
+    CalibrationError::WrongField {
+        share_percent: (100.0 * own) as u32,
+        hint: format!("{name} fits better, with {:.0} %{advice}", 100.0 * other),
+    }
+}
+
+/// Share of the line points of all images that a calibration puts on markings.
+pub(super) fn explained_share(found: &LinesCalibration) -> f64 {
+    let points = |used_only: bool| {
+        let images = found.images.iter();
+        let counted = images.filter(|image| !used_only || image.left_out.is_none());
+        counted.map(|image| image.points as f64).sum::<f64>()
+    };
+    found.inlier_share * points(true) / points(false).max(1.0)
+}
+
+/// Side of the square with a field's area, metres.
+fn size(field: &Field) -> f32 {
+    (field.config.length * field.config.width).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use localize::field::FieldConfig;
+
+    #[test]
+    fn only_costs_that_differ_by_more_than_chance_count() {
+        let own = [0.9, 0.7, 1.2, 0.8, 0.6];
+        let less = |savings: [f64; 5]| [0, 1, 2, 3, 4].map(|i| own[i] - savings[i]);
+        assert!(is_cheaper(&less([0.1, 0.2, 0.15, 0.1, 0.3]), &own));
+        assert!(!is_cheaper(&less([-0.1, -0.2, -0.15, -0.1, -0.3]), &own));
+        // One image decides nothing.
+        assert!(!is_cheaper(&less([0.0, 0.0, 0.0, 0.0, 0.9]), &own));
+        // The same field in another size: rounding saves the same in each image.
+        assert!(!is_cheaper(&less([1e-6; 5]), &own));
+        let unfitted = f64::NAN;
+        let three = [0.1, 0.2, 0.15, unfitted, unfitted];
+        assert!(!is_cheaper(&less(three), &own));
+    }
+
+    #[test]
+    fn field_of_another_size_scales_to_the_same_markings() {
+        let config = FieldConfig {
+            extra_arcs: vec![[1.0, 0.0, 0.5, 10.0, 90.0]],
+            ..FieldConfig::without_markings([18.0, 12.0], 0.125, 1.0)
+        };
+        let twice = config.scaled(2.0);
+        assert_eq!(twice.extra_arcs, [[2.0, 0.0, 1.0, 10.0, 90.0]]);
+        assert_eq!(twice.scaled(0.5), config);
+    }
+}
