@@ -314,8 +314,8 @@ mod tests {
 
     const SIDE: usize = 120;
 
-    /// Rods to three sides about an axis beside the image's centre, on a floor that changes.
-    fn picture(view: usize) -> Vec<u8> {
+    /// Rods to three or four sides about an axis beside the image's centre, on a floor that changes.
+    fn picture(view: usize, rods: usize) -> Vec<u8> {
         let axis = [63i32, 56];
         let mut pixels = vec![0; 3 * SIDE * SIDE];
         for (index, pixel) in pixels.chunks_exact_mut(3).enumerate() {
@@ -323,7 +323,7 @@ mod tests {
                 (index % SIDE) as i32 - axis[0],
                 (index / SIDE) as i32 - axis[1],
             );
-            let is_rod = v.abs() <= 3 || u.abs() <= 3 && v < 0;
+            let is_rod = v.abs() <= 3 || u.abs() <= 3 && (v < 0 || rods == 4);
             let floor = 110 + 60 * ((u / 12 + v / 12 + view as i32 * 5).rem_euclid(3)) as u8;
             pixel.fill(if is_rod { 20 } else { floor.min(240) });
         }
@@ -348,26 +348,28 @@ mod tests {
             flipped: false,
             outer_radius_px: Some(52.0),
         };
-        let mut check = MountingCheck::new(&map, &camera);
-        let view = |pixels: &[u8], check: &mut MountingCheck| {
-            check.update(&ImageView::packed(SIDE, SIDE, PixelFormat::Rgb8, pixels));
-            check.turn_deg()
-        };
-        for number in 0..IMAGES_MIN as usize + 20 {
-            assert_eq!(view(&picture(number), &mut check), None, "{number}");
-        }
-        let mut turned = Vec::new();
-        for number in 100..100 + CONFIRMATIONS as usize {
-            let straight = picture(number);
-            let mut pixels = vec![0; straight.len()];
-            for (row, column) in (0..SIDE).flat_map(|row| (0..SIDE).map(move |at| (row, at))) {
-                // Image right becomes image up.
-                let (to_row, to_column) = (SIDE - 1 - column, row);
-                pixels[3 * (to_row * SIDE + to_column)..][..3]
-                    .copy_from_slice(&straight[3 * (row * SIDE + column)..][..3]);
+        for rods in [3, 4] {
+            let mut check = MountingCheck::new(&map, &camera);
+            let view = |pixels: &[u8], check: &mut MountingCheck| {
+                check.update(&ImageView::packed(SIDE, SIDE, PixelFormat::Rgb8, pixels));
+                check.turn_deg()
+            };
+            for number in 0..IMAGES_MIN as usize + 20 {
+                assert_eq!(view(&picture(number, rods), &mut check), None, "{number}");
             }
-            turned.push(view(&pixels, &mut check));
+            let mut turned = Vec::new();
+            for number in 100..100 + CONFIRMATIONS as usize {
+                let straight = picture(number, rods);
+                let mut pixels = vec![0; straight.len()];
+                for (row, column) in (0..SIDE).flat_map(|row| (0..SIDE).map(move |at| (row, at))) {
+                    // Image right becomes image up.
+                    let (to_row, to_column) = (SIDE - 1 - column, row);
+                    pixels[3 * (to_row * SIDE + to_column)..][..3]
+                        .copy_from_slice(&straight[3 * (row * SIDE + column)..][..3]);
+                }
+                turned.push(view(&pixels, &mut check));
+            }
+            assert_eq!(turned.last(), Some(&Some(90)), "{rods} rods");
         }
-        assert_eq!(turned.last(), Some(&Some(90)));
     }
 }
