@@ -13,13 +13,14 @@ use crate::calibrate::map_continuation::continue_map;
 use crate::calibrate::rival_fields::{
     ensure_no_scaled_field_fits_better, ensure_none_is_better, explained_share,
 };
+use crate::calibrate::two_robots::ensure_one_robot;
 use crate::config::VisionConfig;
 use crate::optics::ground_map::GroundMap;
 
 /// Calibrates the map from images anywhere on the field.
 ///
-/// `start`: a prior map, may be a fifth off and end before the outermost lines. `other_fields`: named fields that are
-/// tried if the images fit this one badly. Errors if the images show another field, or do not decide the map.
+/// `start`: a prior map, may be a fifth off and end before the outermost lines. `other_fields`: named fields that must not
+/// explain the images better. Errors if the images show another field, are of two robots, or do not decide the map.
 pub fn calibrate_lines(
     camera: &CameraConfig,
     start: &GroundMap,
@@ -31,6 +32,7 @@ pub fn calibrate_lines(
     let calibrate = |start: &GroundMap| {
         let fit = |field: &Field| fit_guess(camera, start, field, images, vision_config);
         let found = fit(field)?;
+        ensure_one_robot(images)?;
         let disagreement = compare_halves(camera, &found.map, field, images, vision_config, &found);
         if is_doubtful(found.on_field_share, disagreement) {
             ensure_no_field_fits_better(&found, other_fields, fit)?;
