@@ -190,6 +190,10 @@ impl MountingCheck {
         let Some(best) = turns.min_by(|a, b| difference(a).total_cmp(&difference(b))) else {
             return Verdict::Undecided;
         };
+        let is_better = |one: f32, other: f32| other > RATIO_MIN * one.max(DIFFERENCE_NOISE);
+        if is_better(self.difference_in_place(&landmarks), difference(&best)) {
+            return Verdict::InPlace;
+        }
         // Rods in four directions look the same after a turn: landmarks that it would change tell.
         let is_changed = |index: &usize| {
             self.source(*index, best).is_some_and(|source| {
@@ -197,17 +201,10 @@ impl MountingCheck {
                     && (self.mean[source] - self.mean[*index]).abs() > LANDMARK_CONTRAST
             })
         };
-        let telling: Vec<usize> = landmarks.into_iter().filter(is_changed).collect();
-        if telling.len() < LANDMARKS_MIN {
-            return Verdict::Undecided;
-        }
-        let in_place = self.difference_in_place(&telling);
+        let telling: Vec<usize> = landmarks.iter().copied().filter(is_changed).collect();
         let turned = self.turned_difference(image, &telling, best);
-        let is_better = |one: f32, other: f32| other > RATIO_MIN * one.max(DIFFERENCE_NOISE);
-        if is_better(turned, in_place) {
+        if telling.len() >= LANDMARKS_MIN && is_better(turned, self.difference_in_place(&telling)) {
             Verdict::Turned(90 * best.quarter as u32)
-        } else if is_better(in_place, turned) {
-            Verdict::InPlace
         } else {
             Verdict::Undecided
         }
@@ -330,8 +327,25 @@ mod tests {
         pixels
     }
 
-    #[test]
-    fn a_camera_that_turns_about_its_own_axis_is_noticed_though_rods_look_alike() {
+    /// Image right becomes image up.
+    fn turned(straight: &[u8]) -> Vec<u8> {
+        let mut pixels = vec![0; straight.len()];
+        for (row, column) in (0..SIDE).flat_map(|row| (0..SIDE).map(move |at| (row, at))) {
+            let (to_row, to_column) = (SIDE - 1 - column, row);
+            pixels[3 * (to_row * SIDE + to_column)..][..3]
+                .copy_from_slice(&straight[3 * (row * SIDE + column)..][..3]);
+        }
+        pixels
+    }
+
+    /// The turn that is named after one more image.
+    fn view(pixels: &[u8], check: &mut MountingCheck) -> Option<u32> {
+        check.update(&ImageView::packed(SIDE, SIDE, PixelFormat::Rgb8, pixels));
+        check.turn_deg()
+    }
+
+    /// The check after enough images of a robot that moves.
+    fn warm_check(rods: usize) -> MountingCheck {
         let map = GroundMap {
             width_px: SIDE,
             height_px: SIDE,
@@ -348,28 +362,42 @@ mod tests {
             flipped: false,
             outer_radius_px: Some(52.0),
         };
+        let mut check = MountingCheck::new(&map, &camera);
+        for number in 0..IMAGES_MIN as usize + 20 {
+            assert_eq!(view(&picture(number, rods), &mut check), None, "{number}");
+        }
+        check
+    }
+
+    #[test]
+    fn a_camera_that_turns_about_its_own_axis_is_noticed_though_rods_look_alike() {
         for rods in [3, 4] {
-            let mut check = MountingCheck::new(&map, &camera);
-            let view = |pixels: &[u8], check: &mut MountingCheck| {
-                check.update(&ImageView::packed(SIDE, SIDE, PixelFormat::Rgb8, pixels));
-                check.turn_deg()
-            };
-            for number in 0..IMAGES_MIN as usize + 20 {
-                assert_eq!(view(&picture(number, rods), &mut check), None, "{number}");
-            }
-            let mut turned = Vec::new();
-            for number in 100..100 + CONFIRMATIONS as usize {
-                let straight = picture(number, rods);
-                let mut pixels = vec![0; straight.len()];
-                for (row, column) in (0..SIDE).flat_map(|row| (0..SIDE).map(move |at| (row, at))) {
-                    // Image right becomes image up.
-                    let (to_row, to_column) = (SIDE - 1 - column, row);
-                    pixels[3 * (to_row * SIDE + to_column)..][..3]
-                        .copy_from_slice(&straight[3 * (row * SIDE + column)..][..3]);
-                }
-                turned.push(view(&pixels, &mut check));
-            }
-            assert_eq!(turned.last(), Some(&Some(90)), "{rods} rods");
+            let mut check = warm_check(rods);
+            let numbers = 100..100 + CONFIRMATIONS as usize;
+            let named: Vec<Option<u32>> = numbers
+                .map(|number| view(&turned(&picture(number, rods)), &mut check))
+                .collect();
+            assert_eq!(named.last(), Some(&Some(90)), "{rods} rods");
+        }
+    }
+
+    #[test]
+    fn images_that_decide_nothing_end_no_suspicion_and_one_in_place_does() {
+        let grey = vec![70; 3 * SIDE * SIDE];
+        let turned_picture = |number: usize| turned(&picture(number, 3));
+        let mut check = warm_check(3);
+        let mut named = None;
+        for number in 0..CONFIRMATIONS as usize {
+            view(&grey, &mut check);
+            named = view(&turned_picture(number), &mut check);
+        }
+        assert_eq!(named, Some(90));
+        assert_eq!(view(&picture(0, 3), &mut check), None);
+
+        let mut check = warm_check(3);
+        for number in 0..4 * CONFIRMATIONS as usize {
+            view(&picture(number, 3), &mut check);
+            assert_eq!(view(&turned_picture(number), &mut check), None);
         }
     }
 }
