@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::calibrate::joint_fit::{CORRECTION_SCHEDULE, FitImage, JointFit, Markings};
 use crate::calibrate::map_correction::{BasisValues, CorrectionPoint, MapCorrection};
 use crate::calibrate::repeated_images::repeated_images;
-use crate::calibrate::{CalibrationError, ImageResidual};
+use crate::calibrate::{CalibrationError, ImageResidual, listed_reasons};
 use crate::config::VisionConfig;
 use crate::error::VisionError;
 use crate::image::Image;
@@ -323,7 +323,7 @@ fn summarize_fit(
             used,
             total: images.len(),
             required: IMAGES_MIN,
-            reasons: reasons.join("; "),
+            reasons: listed_reasons(&reasons),
         });
     }
     Ok(LinesCalibration {

@@ -64,6 +64,14 @@ pub struct ImageResidual {
     pub left_out: Option<String>,
 }
 
+/// Reasons for excluding images, or what to do if none was excluded.
+fn listed_reasons(reasons: &[String]) -> String {
+    match reasons {
+        [] => "Take more images".to_owned(),
+        reasons => reasons.join("; "),
+    }
+}
+
 /// Why a calibration failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {

@@ -43,13 +43,20 @@ pub(super) fn ensure_no_scaled_field_fits_better(
     let Ok(own) = fit(field) else {
         return Ok(());
     };
-    let better = other_fields.iter().filter_map(|(name, other)| {
-        let scaled = other.config.scaled(size(field) / size(other));
-        let other = fit(&Field::new(scaled).ok()?).ok()?;
-        is_cheaper(&other.costs, &own.costs).then(|| (name, explained_share(&other)))
+    let others = other_fields.iter().filter(|(_, other)| other != field);
+    let better = others.filter_map(|(name, other)| {
+        let factor = size(field) / size(other);
+        let scaled = Field::new(other.config.scaled(factor)).ok()?;
+        let other = fit(&scaled).ok()?;
+        is_cheaper(&other.costs, &own.costs).then(|| (name, explained_share(&other), factor))
     });
     match better.max_by(|a, b| a.1.total_cmp(&b.1)) {
-        Some((name, other)) => Err(wrong_field(explained_share(&own), name, other, "")),
+        Some((name, other, factor)) => {
+            let advice = format!(
+                " (scaled by {factor:.2} to the size of this one). Use it, or measure the field"
+            );
+            Err(wrong_field(explained_share(&own), name, other, &advice))
+        }
         None => Ok(()),
     }
 }

@@ -9,7 +9,6 @@ use localize::Field;
 use localize::robot::CameraConfig;
 use rayon::prelude::*;
 
-use crate::calibrate::CalibrationError;
 use crate::calibrate::acceptance::{ensure_field_explains, ensure_halves_agree, is_doubtful, odds};
 use crate::calibrate::halves::{Disagreement, compare_halves};
 use crate::calibrate::joint_fit::Markings;
@@ -23,6 +22,7 @@ use crate::calibrate::radial_model::KnownSizes;
 use crate::calibrate::rim::{Rim, find_rim};
 use crate::calibrate::rival_fields::{ensure_no_scaled_field_fits_better, ensure_none_is_better};
 use crate::calibrate::two_robots::ensure_one_robot;
+use crate::calibrate::{CalibrationError, listed_reasons};
 use crate::config::VisionConfig;
 use crate::image::Image;
 
@@ -176,7 +176,7 @@ fn search_images(
         used: all.len(),
         total: images.len(),
         required: IMAGES_MIN,
-        reasons: reasons.join("; "),
+        reasons: listed_reasons(&reasons),
     })
 }
 

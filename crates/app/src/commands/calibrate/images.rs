@@ -55,11 +55,12 @@ pub(super) fn load_strip_images(folder: &Path) -> Result<Vec<StripImage>> {
 
 /// The images of frames.csv, or of strip.csv if there is none. Images that cannot be read are reported and left out.
 pub(super) fn load_drive_images(folder: &Path) -> Result<Vec<NamedImage>> {
-    let frames = folder.join("frames.csv");
-    let path = if frames.exists() {
-        frames
+    let (frames, strip) = (folder.join("frames.csv"), folder.join("strip.csv"));
+    // A message about a missing table names the usual one.
+    let path = if !frames.exists() && strip.exists() {
+        strip
     } else {
-        folder.join("strip.csv")
+        frames
     };
     let (mut images, mut common) = (Vec::new(), CommonOrientation::default());
     for row in CsvTable::read(&path, &["file"])?.rows() {
