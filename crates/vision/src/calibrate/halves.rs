@@ -27,12 +27,7 @@ pub(super) fn compare_halves(
     vision_config: &VisionConfig,
     calibration: &LinesCalibration,
 ) -> Option<Disagreement> {
-    let used: Vec<&NamedImage> = images
-        .iter()
-        .zip(&calibration.images)
-        .filter(|(_, residual)| residual.left_out.is_none())
-        .map(|(image, _)| image)
-        .collect();
+    let used = calibration.used(images);
     let half = |first: usize| -> Option<GroundMap> {
         let images: Vec<NamedImage> = used
             .iter()

@@ -52,6 +52,17 @@ pub struct LinesCalibration {
     pub(super) costs: Vec<f64>,
 }
 
+impl LinesCalibration {
+    /// Those of the calibrated images that were used.
+    pub(super) fn used<'a>(&self, images: &'a [NamedImage]) -> Vec<&'a NamedImage> {
+        let residuals = images.iter().zip(&self.images);
+        residuals
+            .filter(|(_, residual)| residual.left_out.is_none())
+            .map(|(image, _)| image)
+            .collect()
+    }
+}
+
 /// Scales and powers of the initial search: a guess may be 30 % off and have the wrong curvature.
 const SCALES: [f64; 9] = [0.7, 0.77, 0.83, 0.9, 1.0, 1.1, 1.2, 1.3, 1.42];
 const POWERS: [f64; 3] = [-0.15, 0.0, 0.15];

@@ -30,12 +30,7 @@ pub(super) fn ensure_no_scaled_field_fits_better(
     images: &[NamedImage],
     vision_config: &VisionConfig,
 ) -> Result<(), CalibrationError> {
-    let used: Vec<&NamedImage> = images
-        .iter()
-        .zip(&found.images)
-        .filter(|(_, residual)| residual.left_out.is_none())
-        .map(|(image, _)| image)
-        .collect();
+    let used = found.used(images);
     let step = used.len().div_ceil(COMPARED_IMAGES).max(1);
     let compared: Vec<NamedImage> = used.into_iter().step_by(step).cloned().collect();
     let fit = |field: &Field| fit_guess(camera, &found.map, field, &compared, vision_config);
