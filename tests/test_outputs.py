@@ -256,6 +256,18 @@ def test_report_of_a_log_without_a_cycle_and_a_picture_of_an_unknown_kind_are_on
     assert done.returncode == 1 and done.stderr.count("\n") == 1 and "no image format 'xyz'" in done.stderr
 
 
+def test_calibration_that_could_not_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    out = tmp_path / "map.npz"
+    outputs = [(out, tmp_path / "map.gif", "expected .png"), (tmp_path / "none" / "map.npz", tmp_path / "map.png", "No such")]
+    for kind, folder in (("map", STRIP), ("lines", SEQUENCE)):
+        for map_file, picture, reason in outputs:
+            done = run("calibrate", kind, folder, "--out", map_file, "--picture", picture)
+            assert done.returncode == 1 and done.stderr.count("\n") == 1 and reason in done.stderr, done.stderr
+    done = run("calibrate", "lines", SEQUENCE, "--out", out, "--map", ROOT / "README.md")
+    assert done.returncode == 1 and "README.md: no npz archive" in done.stderr, done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_killed_simulation_leaves_a_log_that_can_be_recovered_beside_the_earlier_one(tmp_path: Path) -> None:
     log = tmp_path / "game.mcap"
     log.write_text("of an earlier run")

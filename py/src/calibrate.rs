@@ -109,7 +109,7 @@ pub(crate) fn calibrate_lines(
     let config = parse_vision_config(settings)?;
     let images = drive(images)?;
     let found = py
-        .detach(|| lines(camera, &start, field, &[], &images, &config))
+        .detach(|| lines(camera, &start, field, &[], &images, &config, &|_| ()))
         .map_err(|error| errors::calibration(&error))?;
     let map = GroundMap::of(py, found.map)?;
     Ok((map, found.rms, found.inlier_share, residuals(found.images)))

@@ -92,7 +92,8 @@ fn calibrate_and_score(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f
     let mut vision = VisionConfig::default();
     let (inner, outer) = profile.radii();
     vision.objects.viewpoint_height = profile.height_and_slope((inner + outer) / 2.0).0 as f32;
-    let result = calibrate_lines(&camera, &start, &field, &[], &images, &vision).expect("a map");
+    let result =
+        calibrate_lines(&camera, &start, &field, &[], &images, &vision, &|_| ()).expect("a map");
     let before =
         [(0.4, 3.0), (3.0, 5.0)].map(|(from, to)| median_map_error(&start, &exact, from, to));
     let (near, far) = (

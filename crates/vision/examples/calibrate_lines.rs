@@ -37,6 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         &[],
         &images,
         &VisionConfig::default(),
+        &|_| (),
     )?;
     for (image, pose) in found.images.iter().zip(&found.poses) {
         println!(

@@ -11,7 +11,7 @@ use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader};
 use localize::input_file;
 
 use crate::error::VisionError;
-use crate::output_file::OutputFile;
+use crate::output_file::{OutputFile, ensure_can_create};
 
 pub use orientation::{CommonOrientation, Orientation};
 pub(crate) use pixel_batch::{OUTSIDE, load_pixel};
@@ -301,13 +301,22 @@ impl Image {
         Ok((image, Orientation::new(transform)))
     }
 
+    /// An error if [`Image::save`] would refuse the name or could not write there.
+    pub fn ensure_can_save(path: &Path) -> Result<(), VisionError> {
+        picture_format(path)?;
+        ensure_can_create(path).map_err(|error| VisionError::File {
+            path: path.to_owned(),
+            reason: error.to_string(),
+        })
+    }
+
     /// Writes a PNG or JPEG file, by the name's extension.
     pub fn save(&self, path: &Path) -> Result<(), VisionError> {
         let refuse = |reason: String| VisionError::File {
             path: path.to_owned(),
             reason,
         };
-        let format = ImageFormat::from_path(path).map_err(|error| refuse(error.to_string()))?;
+        let format = picture_format(path)?;
         let mut file = OutputFile::create(path).map_err(|error| refuse(error.to_string()))?;
         image::write_buffer_with_format(
             &mut file,
@@ -324,6 +333,17 @@ impl Image {
     /// Borrows the image.
     pub fn view(&self) -> ImageView<'_> {
         ImageView::packed(self.width_px, self.height_px, PixelFormat::Rgb8, &self.rgb)
+    }
+}
+
+/// The format of a picture by its name.
+fn picture_format(path: &Path) -> Result<ImageFormat, VisionError> {
+    match ImageFormat::from_path(path) {
+        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => Ok(format),
+        _ => Err(VisionError::File {
+            path: path.to_owned(),
+            reason: "no picture's name (expected .png or .jpg)".into(),
+        }),
     }
 }
 

@@ -95,6 +95,15 @@ impl Seek for OutputFile {
     }
 }
 
+/// An error if a file of that name cannot be written: no such folder, no permission, a folder itself.
+pub fn ensure_can_create(path: &Path) -> Result<()> {
+    if path.exists() && !path.is_file() && !path.is_dir() {
+        // Opening a pipe waits for its reader.
+        return Ok(());
+    }
+    PendingName::create(path).map(drop)
+}
+
 /// Writes a whole file. After a failure an earlier file of that name is unchanged.
 pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
     let mut file = OutputFile::create(path)?;

@@ -43,7 +43,7 @@ fn calibrate(
     images: &[NamedImage],
 ) -> Result<LinesCalibration, CalibrationError> {
     let config = VisionConfig::default();
-    calibrate_lines(&camera(), start, field, others, images, &config)
+    calibrate_lines(&camera(), start, field, others, images, &config, &|_| ())
 }
 
 fn exact_map() -> GroundMap {

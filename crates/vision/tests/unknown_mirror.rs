@@ -70,7 +70,10 @@ fn map_is_found_from_ten_images_and_the_field_alone() {
     );
     assert!(near <= 0.02, "median {near} m inside 3 m");
     assert!(far <= 0.03, "median {far} m from 3 to 5 m");
-    let apart = found.disagreement.expect("ten images have halves");
+    let apart = found
+        .calibration
+        .disagreement
+        .expect("ten images have halves");
     assert!(apart.near < 0.02, "{apart:?}");
 }
 
@@ -137,7 +140,15 @@ fn images_of_a_robot_whose_camera_sits_two_pixels_off_are_told_apart() {
     };
     let sequence_field = field("samples/sequence/field.toml");
     let config = VisionConfig::default();
-    let from_map = calibrate_lines(&camera, &start, &sequence_field, &[], &all, &config);
+    let from_map = calibrate_lines(
+        &camera,
+        &start,
+        &sequence_field,
+        &[],
+        &all,
+        &config,
+        &|_| (),
+    );
     for refused in [calibrate(&all), from_map.map(|_| ())] {
         assert_groups(refused, &all);
     }

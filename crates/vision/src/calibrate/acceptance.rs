@@ -2,6 +2,7 @@
 
 use crate::calibrate::CalibrationError;
 use crate::calibrate::halves::Disagreement;
+use crate::calibrate::lines::{IMAGES_MIN, LinesCalibration};
 
 /// Below this share of the points on the field on markings, or above this disagreement of halves (metres), other fields
 /// are tried.
@@ -21,22 +22,30 @@ const SHARE_MIN_UNCHECKED: f64 = 0.85;
 const DISAGREEMENT_MAX: f32 = 0.06;
 
 /// True if another field may explain the images better.
-pub(super) fn is_doubtful(share: f64, disagreement: Option<Disagreement>) -> bool {
-    let apart = disagreement.map_or(0.0, |apart| apart.near);
-    share < DOUBTFUL_SHARE || apart > DOUBTFUL_DISAGREEMENT
+pub(super) fn is_doubtful(found: &LinesCalibration) -> bool {
+    let apart = found.disagreement.map_or(0.0, |apart| apart.near);
+    found.on_field_share < DOUBTFUL_SHARE || apart > DOUBTFUL_DISAGREEMENT
 }
 
 /// What is doubtful about a map that is accepted: maps of real robots that are right explain 93 % and more. None if nothing is.
-pub fn doubt(share: f64, disagreement: Option<Disagreement>) -> Option<String> {
-    let halves = disagreement.map_or_else(String::new, |apart| {
+pub fn doubt(found: &LinesCalibration) -> Option<String> {
+    let share = 100.0 * found.on_field_share;
+    let (used, needed) = (found.used_count(), 2 * IMAGES_MIN);
+    if used < needed {
+        return Some(format!(
+            "nothing checks the map: {used} images were used, and maps of two halves are compared from {needed} on. A field \
+             file that is wrong by half a metre or the map of another robot may fit so few images. {share:.0} % of the line \
+             points on the field lie on markings"
+        ));
+    }
+    let halves = found.disagreement.map_or_else(String::new, |apart| {
         let centimetres = 100.0 * apart.near;
         format!(", and halves of the images differ by {centimetres:.1} cm up to 3 m")
     });
-    is_doubtful(share, disagreement).then(|| {
+    is_doubtful(found).then(|| {
         format!(
-            "the map is doubtful: {:.0} % of the line points on the field lie on markings{halves}. Are all images of one camera and \
-             turned alike, and are the sizes in the field file right (`mirrorball doctor --recording` tries others)?",
-            100.0 * share
+            "the map is doubtful: {share:.0} % of the line points on the field lie on markings{halves}. Are all images of one \
+             camera and turned alike, and are the sizes in the field file right (`mirrorball doctor --recording` tries others)?"
         )
     })
 }
@@ -46,12 +55,10 @@ pub(super) fn odds(share: f64) -> f64 {
     share / (1.0 - share).max(1e-3)
 }
 
-/// Refuses images of another field. `share`: of the points on the field that lie on markings.
-pub(super) fn ensure_field_explains(
-    share: f64,
-    disagreement: Option<Disagreement>,
-) -> Result<(), CalibrationError> {
-    let share_min = match disagreement {
+/// Refuses images of another field.
+pub(super) fn ensure_field_explains(found: &LinesCalibration) -> Result<(), CalibrationError> {
+    let share = found.on_field_share;
+    let share_min = match found.disagreement {
         Some(_) => SHARE_MIN,
         None => SHARE_MIN_UNCHECKED,
     };
@@ -99,6 +106,50 @@ pub(super) fn ensure_halves_agree(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibrate::ImageResidual;
+    use crate::optics::ground_map::GroundMap;
+
+    /// A calibration that explains everything, of some images.
+    fn calibration(used: usize, disagreement: Option<Disagreement>) -> LinesCalibration {
+        let image = ImageResidual {
+            name: "000.jpg".into(),
+            points: 100,
+            rms_px: 0.5,
+            left_out: None,
+        };
+        LinesCalibration {
+            map: GroundMap {
+                width_px: 1,
+                height_px: 1,
+                x: vec![1.0],
+                y: vec![0.0],
+            },
+            images: vec![image; used],
+            poses: vec![None; used],
+            rms: 0.01,
+            inlier_share: 0.99,
+            on_field_share: 0.99,
+            disagreement,
+            costs: vec![0.1; used],
+        }
+    }
+
+    #[test]
+    fn map_of_few_images_is_called_unchecked_however_well_it_fits() {
+        let warning = doubt(&calibration(5, None)).expect("a warning");
+        assert!(warning.contains("5 images"), "{warning}");
+        let agree = Disagreement {
+            near: 0.004,
+            far: 0.01,
+        };
+        assert_eq!(doubt(&calibration(8, Some(agree))), None);
+        let apart = Disagreement {
+            near: 0.04,
+            ..agree
+        };
+        let warning = doubt(&calibration(8, Some(apart))).expect("a warning");
+        assert!(warning.contains("4.0 cm"), "{warning}");
+    }
 
     #[test]
     fn few_images_of_many_are_accepted_only_if_their_halves_were_compared() {

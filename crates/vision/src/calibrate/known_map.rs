@@ -17,10 +17,14 @@ use crate::calibrate::two_robots::ensure_one_robot;
 use crate::config::VisionConfig;
 use crate::optics::ground_map::GroundMap;
 
+/// Share of the work that is done after the fit, and after its comparison by halves.
+const FIT_WORK: f32 = 0.25;
+const HALVES_WORK: f32 = 0.4;
+
 /// Calibrates the map from images anywhere on the field.
 ///
 /// `start`: a prior map, may be a fifth off and end before the outermost lines. `other_fields`: named fields that must not
-/// explain the images better. Errors if the images show another field, are of two robots, or do not decide the map.
+/// explain the images better. `progress` is called with the work done, 0 to 1. Errors if the images show another field, are of two robots, or do not decide the map.
 pub fn calibrate_lines(
     camera: &CameraConfig,
     start: &GroundMap,
@@ -28,16 +32,20 @@ pub fn calibrate_lines(
     other_fields: &[(String, Field)],
     images: &[NamedImage],
     vision_config: &VisionConfig,
+    progress: &(dyn Fn(f32) + Sync),
 ) -> Result<LinesCalibration, CalibrationError> {
     let calibrate = |start: &GroundMap| {
         let fit = |field: &Field| fit_guess(camera, start, field, images, vision_config);
-        let found = fit(field)?;
+        let mut found = fit(field)?;
         ensure_one_robot(images)?;
-        let disagreement = compare_halves(camera, &found.map, field, images, vision_config, &found);
-        if is_doubtful(found.on_field_share, disagreement) {
+        progress(FIT_WORK);
+        found.disagreement =
+            compare_halves(camera, &found.map, field, images, vision_config, &found);
+        progress(HALVES_WORK);
+        if is_doubtful(&found) {
             ensure_no_field_fits_better(&found, other_fields, fit)?;
         }
-        ensure_field_explains(found.on_field_share, disagreement)?;
+        ensure_field_explains(&found)?;
         ensure_no_scaled_field_fits_better(
             &found,
             camera,
@@ -45,10 +53,10 @@ pub fn calibrate_lines(
             other_fields,
             images,
             vision_config,
+            &|done| progress(HALVES_WORK + (1.0 - HALVES_WORK) * done),
         )?;
-        ensure_halves_agree(disagreement)?;
-        let used = found.images.iter().filter(|image| image.left_out.is_none());
-        ensure_most_images_count(used.count(), images.len(), disagreement)?;
+        ensure_halves_agree(found.disagreement)?;
+        ensure_most_images_count(found.used_count(), images.len(), found.disagreement)?;
         Ok(found)
     };
     match continue_map(start, camera) {

@@ -12,6 +12,7 @@ use localize::sample::LinePoint;
 use localize::{Field, Pose};
 use rayon::prelude::*;
 
+use crate::calibrate::halves::Disagreement;
 use crate::calibrate::joint_fit::{CORRECTION_SCHEDULE, FitImage, JointFit, Markings};
 use crate::calibrate::map_correction::{BasisValues, CorrectionPoint, MapCorrection};
 use crate::calibrate::repeated_images::repeated_images;
@@ -48,11 +49,19 @@ pub struct LinesCalibration {
     pub inlier_share: f64,
     /// As `inlier_share`, of the points inside the boundary lines: beside the field there is clutter.
     pub on_field_share: f64,
+    /// Disagreement of the maps of two halves of the images. None for fewer than eight used images.
+    pub disagreement: Option<Disagreement>,
     /// Mean cost of the points of each image. NaN if it has no pose.
     pub(super) costs: Vec<f64>,
 }
 
 impl LinesCalibration {
+    /// Number of the images that were used.
+    pub(super) fn used_count(&self) -> usize {
+        let used = self.images.iter().filter(|image| image.left_out.is_none());
+        used.count()
+    }
+
     /// Those of the calibrated images that were used.
     pub(super) fn used<'a>(&self, images: &'a [NamedImage]) -> Vec<&'a NamedImage> {
         let residuals = images.iter().zip(&self.images);
@@ -344,6 +353,7 @@ fn summarize_fit(
         rms: (squares / f64::max(inliers, 1.0)).sqrt(),
         inlier_share: inliers / f64::max(points, 1.0),
         on_field_share: (inliers / f64::max(on_field, 1.0)).min(1.0),
+        disagreement: None,
         costs,
     })
 }

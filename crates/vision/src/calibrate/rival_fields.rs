@@ -21,7 +21,8 @@ const FIT_ERROR: f64 = 0.02;
 
 /// Refuses a calibration if the map explains the same images better on one of the other fields, scaled.
 ///
-/// `found`: the calibration of `images` on `field`, by `camera`. `other_fields`: named.
+/// `found`: the calibration of `images` on `field`, by `camera`. `other_fields`: named. `progress`: called with the work
+/// done, 0 to 1.
 pub(super) fn ensure_no_scaled_field_fits_better(
     found: &LinesCalibration,
     camera: &CameraConfig,
@@ -29,6 +30,7 @@ pub(super) fn ensure_no_scaled_field_fits_better(
     other_fields: &[(String, Field)],
     images: &[NamedImage],
     vision_config: &VisionConfig,
+    progress: &(dyn Fn(f32) + Sync),
 ) -> Result<(), CalibrationError> {
     let used = found.used(images);
     let step = used.len().div_ceil(COMPARED_IMAGES).max(1);
@@ -39,7 +41,8 @@ pub(super) fn ensure_no_scaled_field_fits_better(
         return Ok(());
     };
     let others = other_fields.iter().filter(|(_, other)| other != field);
-    let better = others.filter_map(|(name, other)| {
+    let better = others.enumerate().filter_map(|(tried, (name, other))| {
+        progress((1 + tried) as f32 / (1 + other_fields.len()) as f32);
         let factor = size(field) / size(other);
         let scaled = Field::new(other.config.scaled(factor)).ok()?;
         let other = fit(&scaled).ok()?;

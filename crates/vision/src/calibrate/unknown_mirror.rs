@@ -10,7 +10,7 @@ use localize::robot::CameraConfig;
 use rayon::prelude::*;
 
 use crate::calibrate::acceptance::{ensure_field_explains, ensure_halves_agree, is_doubtful, odds};
-use crate::calibrate::halves::{Disagreement, compare_halves};
+use crate::calibrate::halves::compare_halves;
 use crate::calibrate::joint_fit::Markings;
 use crate::calibrate::line_pixels::detect_line_pixels;
 use crate::calibrate::lines::{
@@ -37,8 +37,6 @@ pub struct UnknownMirror {
     pub search_share: f64,
     /// Map, poses and residuals.
     pub calibration: LinesCalibration,
-    /// Disagreement of the maps of two halves of the images. None for fewer than eight used images.
-    pub disagreement: Option<Disagreement>,
 }
 
 /// Fewest line points of an image of the search.
@@ -56,6 +54,9 @@ const FIELD_REFINED: usize = 16;
 
 /// Rounds of pose search and joint fit for each.
 const REFINE_ROUNDS: usize = 3;
+
+/// Time of a mirror's refinement, in those of a member of the family.
+const REFINEMENT_WORK: usize = 11;
 
 /// Another mirror explains the points as well if its odds of a point on a marking, times this, exceed those of the best.
 const UNDECIDED_ODDS: f64 = 1.3;
@@ -85,10 +86,10 @@ pub fn calibrate_unknown_mirror(
     let pictures: Vec<&Image> = images.iter().map(|image| &image.image).collect();
     let rim = find_rim(&pictures).ok();
     let camera = start_camera(size_px, rim);
-    progress(0.05);
+    progress(0.02);
     let all = search_images(&camera, field, images, vision_config)?;
     ensure_one_robot(images)?;
-    progress(0.1);
+    progress(0.05);
     let attempt = Attempt {
         rim_px: f64::from(camera.outer_radius_px.unwrap_or(1.0)),
         height: f64::from(vision_config.objects.viewpoint_height),
@@ -97,7 +98,7 @@ pub fn calibrate_unknown_mirror(
     };
     let result = attempt.calibrate(&camera, rim, field, images, vision_config, progress);
     let doubtful = match &result {
-        Ok(found) => is_doubtful(found.calibration.on_field_share, found.disagreement),
+        Ok(found) => is_doubtful(&found.calibration),
         // On a wrong field one mirror may explain some of the images and another one the rest.
         Err(error) => matches!(
             error,
@@ -123,6 +124,7 @@ pub fn calibrate_unknown_mirror(
         other_fields,
         images,
         vision_config,
+        &|done| progress(0.65 + 0.35 * done),
     )?;
     progress(1.0);
     Ok(found)
@@ -130,7 +132,7 @@ pub fn calibrate_unknown_mirror(
 
 impl UnknownMirror {
     fn ensure_accepted(&self) -> Result<(), CalibrationError> {
-        ensure_field_explains(self.calibration.on_field_share, self.disagreement)?;
+        ensure_field_explains(&self.calibration)?;
         if self.search_share < SEARCH_SHARE_MIN {
             return Err(CalibrationError::Undecided(format!(
                 "the best mirror of the search explains {:.0} % of the line points. Take more images of one camera all over \
@@ -138,7 +140,7 @@ impl UnknownMirror {
                 100.0 * self.search_share
             )));
         }
-        ensure_halves_agree(self.disagreement)
+        ensure_halves_agree(self.calibration.disagreement)
     }
 }
 
@@ -235,7 +237,7 @@ impl Attempt<'_> {
         progress: &(dyn Fn(f32) + Sync),
     ) -> Result<UnknownMirror, CalibrationError> {
         let chosen = choose_images(self.all, SEARCH_IMAGES);
-        let step = |done: f32| progress(0.1 + 0.4 * done);
+        let step = |done: f32| progress(0.05 + 0.35 * done);
         let ranked = self.rank_models(&chosen, field, REFINED, &step);
         let model = self.decide(field, &ranked)?.model;
         let rim_camera = camera;
@@ -245,9 +247,9 @@ impl Attempt<'_> {
         };
         let start = model.ground_map(&camera, MAP_RANGE_MAX);
         let mut calibration = refine_map(&camera, &start, field, images, vision_config)?;
-        progress(0.55);
+        progress(0.53);
         self.separate_cameras(field, &calibration, images)?;
-        let disagreement =
+        calibration.disagreement =
             compare_halves(&camera, &start, field, images, vision_config, &calibration);
         progress(0.65);
         fix_robot_frame(&mut calibration, rim_camera);
@@ -256,7 +258,6 @@ impl Attempt<'_> {
             rim,
             search_share: ranked.first().map_or(0.0, |best| best.score),
             calibration,
-            disagreement,
         })
     }
 
@@ -280,18 +281,18 @@ impl Attempt<'_> {
         let markings = Markings::new(field);
         let search = self.search(field, &markings);
         let work = AtomicUsize::new(0);
-        let total = search.family_size() + refined;
-        let done = || {
-            let done = 1 + work.fetch_add(1, Ordering::Relaxed);
+        let total = search.family_size() + REFINEMENT_WORK * refined;
+        let done = |steps: usize| {
+            let done = steps + work.fetch_add(steps, Ordering::Relaxed);
             progress(done as f32 / total as f32);
         };
-        let family = search.search_family(chosen, &done);
+        let family = search.search_family(chosen, &|| done(1));
         let mut plausible: Vec<MirrorHypothesis> = family
             .into_par_iter()
             .take(refined)
             .filter_map(|hypothesis| {
                 let refined = search.refine_repeatedly(hypothesis, chosen, REFINE_ROUNDS);
-                done();
+                done(REFINEMENT_WORK);
                 let [inner, outer] = refined.radii_px;
                 refined.model.is_plausible(inner, outer).then_some(refined)
             })

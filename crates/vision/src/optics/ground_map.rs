@@ -8,6 +8,7 @@ use localize::frames::{At, RobotFrame};
 use localize::input_file;
 use localize::math;
 use npyz::{NpyFile, WriteOptions, WriterBuilder};
+use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
@@ -156,7 +157,13 @@ impl GroundMap {
             source,
         };
         let reader = BufReader::new(input_file::open(path).map_err(file)?);
-        let mut archive = ZipArchive::new(reader).map_err(|error| file(error.into()))?;
+        let mut archive = ZipArchive::new(reader).map_err(|error| match error {
+            ZipError::Io(source) => file(source),
+            _ => GroundMapError::Content {
+                path: path.to_owned(),
+                reason: "no npz archive (expected a map of `mirrorball calibrate`)".into(),
+            },
+        })?;
         let (x, shape) = read_array(&mut archive, path, "x_m", shape)?;
         let (y, [height_px, width_px]) =
             read_array(&mut archive, path, "y_m", Some((shape, "x_m")))?;

@@ -10,7 +10,7 @@ use vision::calibrate::{
 };
 
 use super::images::load_drive_images;
-use super::map::{FoundCamera, Outcome, outcome, save};
+use super::map::{FoundCamera, Outcome, ensure_map_can_be_saved, outcome, save};
 use pipeline::PipelineConfig;
 use pipeline::paths;
 use pipeline::setup::Setup;
@@ -43,6 +43,7 @@ pub(crate) struct LinesArgs {
 const PROGRESS_STEPS: f32 = 100.0;
 
 pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
+    ensure_map_can_be_saved(&args.out, args.picture.as_deref())?;
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
     let section = robot
@@ -59,14 +60,17 @@ pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec
         .as_ref()
         .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
     let images = load_drive_images(&args.dir)?;
-    let calibration = calibrate_lines(
-        camera,
-        start,
-        &setup.field,
-        &known_fields(),
-        &images,
-        &PipelineConfig::default().vision,
-    )
+    let calibration = with_progress(|progress| {
+        calibrate_lines(
+            camera,
+            start,
+            &setup.field,
+            &known_fields(),
+            &images,
+            &PipelineConfig::default().vision,
+            progress,
+        )
+    })
     .with_context(|| args.dir.display().to_string())?;
     Ok((
         save_calibration(args, &calibration, &images)?,
@@ -81,18 +85,17 @@ fn calibrate_from_nothing(
 ) -> Result<(Outcome, Vec<ImageResidual>)> {
     let images = load_drive_images(&args.dir)?;
     ensure_size(&images, section, &args.dir)?;
-    let bar = crate::progress::bar(PROGRESS_STEPS as u64, "%");
-    let progress = |share: f32| bar.set_position((PROGRESS_STEPS * share) as u64);
-    let found = calibrate_unknown_mirror(
-        [section.width_px, section.height_px],
-        field,
-        &known_fields(),
-        &images,
-        &PipelineConfig::default().vision,
-        &progress,
-    );
-    bar.finish_and_clear();
-    let found = found.with_context(|| args.dir.display().to_string())?;
+    let found = with_progress(|progress| {
+        calibrate_unknown_mirror(
+            [section.width_px, section.height_px],
+            field,
+            &known_fields(),
+            &images,
+            &PipelineConfig::default().vision,
+            progress,
+        )
+    })
+    .with_context(|| args.dir.display().to_string())?;
     let calibration = found.calibration;
     let outcome = Outcome {
         camera: Some(FoundCamera {
@@ -101,11 +104,17 @@ fn calibrate_from_nothing(
             flipped: found.camera.flipped,
             outer_radius_px: found.rim.map(|rim| rim.radius_px),
         }),
-        disagreement_m: found.disagreement.map(|apart| [apart.near, apart.far]),
-        warning: doubt(calibration.on_field_share, found.disagreement),
         ..save_calibration(args, &calibration, &images)?
     };
     Ok((outcome, calibration.images))
+}
+
+/// Shows a bar while `work` reports the share that is done.
+fn with_progress<T>(work: impl FnOnce(&(dyn Fn(f32) + Sync)) -> T) -> T {
+    let bar = crate::progress::bar(PROGRESS_STEPS as u64, "%");
+    let result = work(&|share: f32| bar.set_position((PROGRESS_STEPS * share) as u64));
+    bar.finish_and_clear();
+    result
 }
 
 /// Writes the map, and the picture if wanted.
@@ -119,7 +128,10 @@ fn save_calibration(
     Ok(Outcome {
         rms_m: Some(calibration.rms),
         inlier_share: Some(calibration.inlier_share),
-        warning: doubt(calibration.on_field_share, None),
+        disagreement_m: calibration
+            .disagreement
+            .map(|apart| [apart.near, apart.far]),
+        warning: doubt(calibration),
         ..outcome(&calibration.images, &args.out)
     })
 }

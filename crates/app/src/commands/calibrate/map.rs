@@ -9,8 +9,10 @@ use localize::toml_location::key_location;
 use serde::Serialize;
 use vision::calibrate::{CalibrationError, ImageResidual, Strip, calibrate_strip, fit_mount};
 use vision::image::Image;
+use vision::output_file::ensure_can_create;
 use vision::{GroundMap, Mount, Profile, overlay};
 
+use crate::commands::arguments;
 use crate::pictures::text;
 
 use super::images::{SkippedImage, load_strip_images};
@@ -55,7 +57,7 @@ pub(crate) struct Outcome {
     /// Camera found with the map (lines without an initial map).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) camera: Option<FoundCamera>,
-    /// Distance between the maps of two halves of the images, metres: up to 3 m, and 3 to 5 m (lines without an initial map).
+    /// Distance between the maps of two halves of the images, metres: up to 3 m, and 3 to 5 m (lines).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) disagreement_m: Option<[f32; 2]>,
     /// Why the map may be wrong (lines).
@@ -95,6 +97,7 @@ fn camera_of(robot: &RobotConfig, robot_file: &Path) -> Result<CameraConfig> {
 }
 
 pub(crate) fn calibrate_map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
+    ensure_map_can_be_saved(&args.out, args.picture.as_deref())?;
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
     let camera = camera_of(&robot, &robot_file)?;
@@ -158,6 +161,16 @@ pub(super) fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
         mount: None,
         map: out.to_owned(),
     }
+}
+
+/// An error before the work if its result could not be written.
+pub(super) fn ensure_map_can_be_saved(out: &Path, picture: Option<&Path>) -> Result<()> {
+    arguments::ensure_distinct_outputs([Some(out), picture])?;
+    ensure_can_create(out).with_context(|| out.display().to_string())?;
+    if let Some(picture) = picture {
+        Image::ensure_can_save(picture)?;
+    }
+    Ok(())
 }
 
 pub(super) fn save(

@@ -96,6 +96,10 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             "camera: {}",
             toml::to_string(camera)?.trim().replace('\n', ", ")
         );
+        println!(
+            "forward_deg and flipped are guesses, as lines look alike mirrored and turned by half a turn: a drive with wheels \
+             or a compass tells"
+        );
     }
     if let Some(mount) = outcome.mount {
         println!(
