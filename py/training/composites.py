@@ -38,15 +38,13 @@ def any_colour(rng: np.random.Generator, brightest: float = 1.0) -> Colours:
 
 
 def painted_ball(rng: np.random.Generator) -> Colours:
-    """A ball of any colour, shaded, sometimes of two colours."""
+    """A ball of any colour, sometimes of two colours."""
     ball = np.broadcast_to(any_colour(rng), (patches.SIDE, patches.SIDE, 3)).copy()
     if rng.random() < 0.3:
         angle = rng.uniform(0, 2 * np.pi)
         part = np.cos(angle) * ASIDE + np.sin(angle) * AWAY > rng.uniform(-0.5, 0.5)
         ball[part] = np.array(colorsys.hsv_to_rgb(rng.random(), rng.choice([0, 0.8]), rng.uniform(0.1, 1))) * 255
-    angle = rng.uniform(0, 2 * np.pi)
-    shade = 1 + rng.uniform(0, 0.45) * (np.cos(angle) * ASIDE + np.sin(angle) * AWAY)
-    return ball * shade[..., None]
+    return ball
 
 
 def composite_balls(real: Colours, backgrounds: Colours, rng: np.random.Generator) -> Patches:
@@ -54,11 +52,15 @@ def composite_balls(real: Colours, backgrounds: Colours, rng: np.random.Generato
     made = []
     for _ in range(COMPOSITES):
         ground = backgrounds[rng.integers(len(backgrounds))]
-        ball = real[rng.integers(len(real))] if rng.random() < 0.5 else painted_ball(rng)
+        ball = real[rng.integers(len(real))] if rng.random() < 0.4 else painted_ball(rng)
         radius, away, aside = rng.uniform(0.85, 1.2), *rng.uniform(-0.35, 0.35, 2)
-        shadow = disc(1.15 * radius, 0.8, away + rng.uniform(-0.6, 0.3), aside + rng.uniform(-0.5, 0.5)) * rng.uniform(0, 0.6)
+        # One lamp or window: its side of the ball is bright, even saturated, the other dark, and the shadow lies there.
+        angle, depth, reach = rng.uniform(0, 2 * np.pi), rng.uniform(0, 1.2), rng.uniform(0, 1.3)
+        light = np.sin(angle) * (AWAY - away) + np.cos(angle) * (ASIDE - aside)
+        ball = np.clip(ball * np.exp(depth * light + rng.uniform(-0.3, 0.3))[..., None], 0, 255)
+        shadow = disc(rng.uniform(0.8, 1.2) * radius, 0.8, away - reach * np.sin(angle), aside - reach * np.cos(angle))
         mask = disc(radius, rng.uniform(0.2, 0.9), away, aside, np.exp(rng.uniform(-0.1, 0.35)))
-        patch = ground * (1 - shadow) * (1 - mask) + np.clip(ball * np.exp(rng.uniform(-0.3, 0.3)), 0, 255) * mask
+        patch = ground * (1 - shadow * rng.uniform(0, 0.8)) * (1 - mask) + ball * mask
         if rng.random() < 0.12:
             angle = rng.uniform(0, 2 * np.pi)
             patch[np.cos(angle) * ASIDE + np.sin(angle) * AWAY > rng.uniform(0.2, 0.7)] = rng.uniform(5, 70)
@@ -69,18 +71,49 @@ def composite_balls(real: Colours, backgrounds: Colours, rng: np.random.Generato
     return _levels(made)
 
 
+def _panel(ground: Colours, rng: np.random.Generator) -> Colours:
+    """A coloured part of a robot, mostly in front of its dark body: round or long, as wide as a ball or narrower."""
+    soft, side, end = rng.uniform(0.2, 0.8), rng.uniform(-1.5, 1.5), rng.uniform(1.5, 6)
+    near = -rng.uniform(0.4, 2.4) + rng.uniform(0, 0.3) * (ASIDE - side) ** 2
+    inside = np.minimum(rng.uniform(1.2, 4) - np.abs(ASIDE - side), np.minimum(AWAY - near, near + end - AWAY))
+    body = np.clip(inside / soft + 0.5, 0, 1)[..., None]
+    dark = any_colour(rng, 0.25) if rng.random() < 0.8 else any_colour(rng)
+    patch = ground * (1 - body) + dark * body
+    away, aside = rng.uniform(-0.6, 0.6, 2)
+    if rng.random() < 0.4:
+        mask = disc(rng.uniform(0.4, 1.2), soft, away, aside)
+    else:
+        angle = rng.uniform(0, 2 * np.pi)
+        along = np.cos(angle) * (ASIDE - aside) + np.sin(angle) * (AWAY - away)
+        across = np.sin(angle) * (ASIDE - aside) - np.cos(angle) * (AWAY - away)
+        bent = across - rng.uniform(-0.2, 0.2) * along**2
+        wide = np.minimum(rng.uniform(0.3, 1.0) - np.abs(bent), np.minimum(along + rng.uniform(0, 1), 4 - along))
+        mask = np.clip(wide / soft + 0.5, 0, 1)[..., None]
+    return patch * (1 - mask) + any_colour(rng) * mask
+
+
 def composite_others(backgrounds: Colours, rng: np.random.Generator) -> Patches:
     """Discs and strips that are no ball: beside the centre, too large, too small, a line."""
     made = []
-    for _ in range(COMPOSITES // 2):
+    for _ in range(COMPOSITES):
         ground = backgrounds[rng.integers(len(backgrounds))]
+        if rng.random() < 0.5:
+            made.append(_panel(ground, rng))
+            continue
         angle, choice = rng.uniform(0, 2 * np.pi), rng.random()
-        if choice < 0.5:
+        if choice < 0.2:
+            # A lamp or window that the carpet reflects: light is added, and there is no shadow.
+            spot = disc(
+                rng.uniform(0.4, 1.4), rng.uniform(0.8, 1.6), *rng.uniform(-0.5, 0.5, 2), np.exp(rng.uniform(-0.5, 0.7))
+            )
+            made.append(ground + rng.uniform(80, 400) * spot)
+            continue
+        if choice < 0.6:
             length = rng.uniform(1.0, 1.9)
             mask = disc(rng.uniform(0.8, 1.2), 0.4, length * np.sin(angle), length * np.cos(angle))
-        elif choice < 0.7:
+        elif choice < 0.75:
             mask = disc(rng.uniform(1.9, 3.5), 0.4, 0.3 * np.sin(angle), 0.3 * np.cos(angle))
-        elif choice < 0.8:
+        elif choice < 0.83:
             mask = disc(rng.uniform(0.2, 0.5), 0.3, 0, 0)
         else:
             # A line, rod or leg through the centre, narrower than a ball.
@@ -166,6 +199,26 @@ def composite_obstacles(
     return _levels(made), np.array(kinds)
 
 
+def _carpet_end(rng: np.random.Generator) -> tuple[Colours, Colours]:
+    """Mask and colours of a line with what lies beyond the carpet or in a goal behind it, and of a post."""
+    soft = rng.uniform(0.02, 0.12)
+    line = UP - rng.uniform(-0.15, 0.15) - rng.uniform(-0.6, 0.6) * ACROSS
+    begin = line - rng.uniform(0, 0.3)
+    beyond = np.clip(begin / soft + 0.5, 0, 1)
+    if rng.random() < 0.25:
+        beyond = beyond * (rng.choice([-1, 1]) * ACROSS > rng.uniform(-0.3, 0.3))
+    dark = any_colour(rng, rng.choice([0.3, 1.0]))
+    colours = dark * np.exp(rng.normal(0, rng.uniform(0, 0.3), (patches.SIDE, 1, 1)))
+    colours = np.broadcast_to(colours, (patches.SIDE, patches.SIDE, 3)).copy()
+    white = np.clip((rng.uniform(0.02, 0.1) - np.abs(line)) / soft + 0.5, 0, 1) * (rng.random() < 0.7)
+    if rng.random() < 0.4:
+        post = rng.uniform(0.03, 0.12) - np.abs(ACROSS - rng.uniform(-0.4, 0.4) - rng.uniform(-0.3, 0.3) * UP)
+        white = np.maximum(white, np.clip(post / soft + 0.5, 0, 1) * (begin > 0))
+    level = rng.uniform(170, 255)
+    colours = colours * (1 - white[..., None]) + level * white[..., None]
+    return np.maximum(beyond, white), colours
+
+
 def composite_no_obstacles(backgrounds: Patches, rng: np.random.Generator) -> Patches:
     """Lines, rods, cables, borders of the carpet, balls, glare: what looks like a foot and is none."""
     made = []
@@ -173,7 +226,7 @@ def composite_no_obstacles(backgrounds: Patches, rng: np.random.Generator) -> Pa
         ground = backgrounds[rng.integers(len(backgrounds))].astype(float)
         soft, choice = rng.uniform(0.02, 0.12), rng.random()
         colours = np.broadcast_to(any_colour(rng), ground.shape)
-        if choice < 0.45:
+        if choice < 0.4:
             angle = rng.uniform(0, np.pi)
             up, aside = UP - rng.uniform(-0.1, 0.2), ACROSS - rng.uniform(-0.2, 0.2)
             across = np.cos(angle) * aside + np.sin(angle) * up
@@ -181,7 +234,9 @@ def composite_no_obstacles(backgrounds: Patches, rng: np.random.Generator) -> Pa
             mask = np.clip((half - np.abs(across)) / soft + 0.5, 0, 1)
             white = np.full(3, rng.uniform(190, 255)) if rng.random() < 0.6 else any_colour(rng, 0.25)
             colours = np.broadcast_to(white, ground.shape)
-        elif choice < 0.75:
+        elif choice < 0.7:
+            mask, colours = _carpet_end(rng)
+        elif choice < 0.8:
             edge = rng.uniform(-0.1, 0.1) + rng.uniform(-0.4, 0.4) * ACROSS
             mask = np.clip((UP - edge) / soft + 0.5, 0, 1)
         elif choice < 0.9:

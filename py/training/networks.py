@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float32]
 
 COARSE_UNITS = 8
-CONV1 = 8
-CONV2 = 16
-DENSE = 24
+# Channels of both convolutions and units of the dense layer, of the network that screens patches and of the one that judges.
+Size = tuple[int, int, int]
+SCREEN: Size = (8, 16, 24)
+JUDGE: Size = (16, 32, 32)
 CHANNELS = 3
 PATCH_SIDE = 12
 COARSE_SIDE = 6
@@ -25,6 +26,10 @@ class Network(ABC):
     @abstractmethod
     def forward(self, patches: Array) -> Array:
         """Outputs before the logistic function."""
+
+    @abstractmethod
+    def backward(self, error: Array) -> list[Array]:
+        """Gradients of the weights for the last inputs."""
 
     def __init__(self, shapes: list[tuple[int, ...]], seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -91,23 +96,24 @@ def _padded(image: Array) -> Array:
 class PatchNetwork(Network):
     """Two convolutions and two dense layers."""
 
-    def __init__(self, side: int, outputs: int, seed: int) -> None:
+    def __init__(self, side: int, outputs: int, seed: int, size: Size) -> None:
+        self._channels1, self._channels2, _ = size
         self._side1, self._side2 = side // 2, side // 4
-        flat = self._side2**2 * CONV2
+        flat = self._side2**2 * self._channels2
         shapes: list[tuple[int, ...]] = [
-            (CHANNELS * 9, CONV1), (CONV1,), (CONV1 * 9, CONV2), (CONV2,),
-            (flat, DENSE), (DENSE,), (DENSE, outputs), (outputs,),
+            (CHANNELS * 9, size[0]), (size[0],), (size[0] * 9, size[1]), (size[1],),
+            (flat, size[2]), (size[2],), (size[2], outputs), (outputs,),
         ]  # fmt: skip
         super().__init__(shapes, seed)
         self._index1 = _kernel_indices(CHANNELS, side)
-        self._index2 = _kernel_indices(CONV1, self._side1)
+        self._index2 = _kernel_indices(self._channels1, self._side1)
 
     def forward(self, patches: Array) -> Array:
         """Outputs before the logistic function."""
         weights, count = self.weights, len(patches)
         self._in1 = _padded(patches)[:, self._index1]
         self._out1 = np.maximum(self._in1 @ weights[0] + weights[1], 0)
-        image = self._out1.transpose(0, 2, 1).reshape(count, CONV1, self._side1, self._side1)
+        image = self._out1.transpose(0, 2, 1).reshape(count, self._channels1, self._side1, self._side1)
         self._in2 = _padded(image)[:, self._index2]
         self._out2 = np.maximum(self._in2 @ weights[2] + weights[3], 0)
         self._flat = self._out2.reshape(count, -1)
@@ -120,14 +126,14 @@ class PatchNetwork(Network):
         dense = (error @ weights[6].T) * (self._dense > 0)
         out2 = (dense @ weights[4].T).reshape(self._out2.shape) * (self._out2 > 0)
         in2 = out2 @ weights[2].T
-        padded = np.zeros((count, CONV1 * (self._side1 + 2) ** 2), np.float32)
+        padded = np.zeros((count, self._channels1 * (self._side1 + 2) ** 2), np.float32)
         for place, index in enumerate(self._index2):
             padded[:, index] += in2[:, place]
-        image = padded.reshape(count, CONV1, self._side1 + 2, self._side1 + 2)[:, :, 1:-1, 1:-1]
-        out1 = image.reshape(count, CONV1, -1).transpose(0, 2, 1) * (self._out1 > 0)
+        image = padded.reshape(count, self._channels1, self._side1 + 2, self._side1 + 2)[:, :, 1:-1, 1:-1]
+        out1 = image.reshape(count, self._channels1, -1).transpose(0, 2, 1) * (self._out1 > 0)
         return [
-            self._in1.reshape(-1, CHANNELS * 9).T @ out1.reshape(-1, CONV1), out1.sum((0, 1)),
-            self._in2.reshape(-1, CONV1 * 9).T @ out2.reshape(-1, CONV2), out2.sum((0, 1)),
+            self._in1.reshape(-1, CHANNELS * 9).T @ out1.reshape(-1, self._channels1), out1.sum((0, 1)),
+            self._in2.reshape(-1, self._channels1 * 9).T @ out2.reshape(-1, self._channels2), out2.sum((0, 1)),
             self._flat.T @ dense, dense.sum(0), self._dense.T @ error, error.sum(0),
         ]  # fmt: skip
 
@@ -161,9 +167,17 @@ def read_weights(path: Path, networks: list[Network]) -> None:
 
 
 def object_networks() -> list[Network]:
-    """Untrained networks of the shape and order of objects.weights: ball coarse, ball, obstacle coarse, obstacle."""
+    """Untrained networks of the shape and order of objects.weights: coarse, screen and judge, of balls and of obstacles."""
     coarse, side = 3 * COARSE_SIDE**2, PATCH_SIDE
-    return [CoarseNetwork(coarse, 0), PatchNetwork(side, 1, 0), CoarseNetwork(coarse, 0), PatchNetwork(side, 3, 0)]
+    return [
+        network
+        for outputs in (1, 3)
+        for network in (
+            CoarseNetwork(coarse, 0),
+            PatchNetwork(side, outputs, 0, SCREEN),
+            PatchNetwork(side, outputs, 0, JUDGE),
+        )
+    ]
 
 
 def reference_outputs(networks: list[Network]) -> list[float]:

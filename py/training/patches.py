@@ -70,8 +70,11 @@ def read(image: NDArray[np.uint8], u: Floats, v: Floats) -> tuple[NDArray[np.uin
     return pixels, inside
 
 
-def normalize(kind: str, colours: NDArray[np.generic], inside: NDArray[np.bool_]) -> Inputs:
-    """Network inputs (n, 3, side, side) of colours (n, side, side, 3): brightness, colour difference, saturation."""
+def normalize(kind: str, colours: NDArray[np.generic], inside: NDArray[np.bool_], contrast: Inputs | None = None) -> Inputs:
+    """Network inputs (n, 3, side, side) of colours (n, side, side, 3): brightness, colour difference, saturation.
+
+    `contrast`: factors (n, 3, 1) of the channels before they are limited.
+    """
     side, count = colours.shape[1], len(colours)
     floor = (FLOOR[kind] if side == SIDE else COARSE_FLOOR[kind]).ravel()
     planes = np.ascontiguousarray(colours.reshape(count, -1, 3).transpose(2, 0, 1))
@@ -80,6 +83,8 @@ def normalize(kind: str, colours: NDArray[np.generic], inside: NDArray[np.bool_]
     relative = logs - reference[:, :, None]
     saturation = logs.max(0) - logs.min(0) - (reference.max(0) - reference.min(0))[:, None]
     channels = np.stack([relative.mean(0), relative.max(0) - relative.min(0), saturation], 1)
+    if contrast is not None:
+        channels = channels * contrast
     channels = np.clip(channels, -2, 2).reshape(count, 3, side, side)
     return channels * inside[:, None] if kind == "obstacle" else channels
 

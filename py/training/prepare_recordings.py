@@ -20,8 +20,14 @@ SCENARIOS = ["hall_bright", "hall_dim", "hall_glare", "hall_crowded", "game_18x1
 # The exports do not say where people stand, so the drives have none.
 SETTINGS = ["frame_rate_hz=2", "people.count=0"]
 DURATION_S = "24"
-# First seeds of two sets; the ball of the second lies beside the path.
-SETS: list[tuple[str, int, list[str]]] = [("a", 101, []), ("b", 201, ["ball.position=[1.0,-1.5]"])]
+# All halls in the light of hall_dim, with its noise and motion blur.
+DIM = ["film.full_well=3000.0", "film.read_noise=20.0", "film.shutter=0.012", "light.level=0.3"]
+# First seeds of three sets; the balls of the second and third lie beside the path.
+SETS: list[tuple[str, int, list[str]]] = [
+    ("a", 101, []),
+    ("b", 201, ["ball.position=[1.0,-1.5]"]),
+    ("c", 301, [*DIM, "ball.position=[-1.5,1.0]"]),
+]
 Y1_CENTRE_PX = (241.0, 239.0)
 Y1_RIM_PX = 236
 Y1_SCALE = 1.15

@@ -246,9 +246,9 @@ pub struct ObjectDetectionConfig {
     pub ball_pixels_min: usize,
     /// Largest distance of a detected ball, metres.
     pub ball_range_max: f32,
-    /// Smallest probability of a ball by the network that judges its pixels. A larger value accepts fewer false balls.
+    /// Smallest probability of a ball by the networks that judge its pixels. A larger value accepts fewer false balls.
     pub ball_probability_min: f32,
-    /// Smallest probability of a robot or person by the network that judges its pixels.
+    /// Smallest probability of a robot or person by the networks that judge its pixels.
     pub obstacle_probability_min: f32,
     /// Radius of a robot, metres: distance of its centre behind its nearest edge.
     pub robot_radius: f32,
@@ -279,8 +279,8 @@ impl Default for ObjectDetectionConfig {
             ball_visible_share_min: 0.2,
             ball_pixels_min: 6,
             ball_range_max: 9.0,
-            ball_probability_min: 0.93,
-            obstacle_probability_min: 0.7,
+            ball_probability_min: 0.8,
+            obstacle_probability_min: 0.6,
             robot_radius: 0.25,
             robot_width_min: 0.15,
             robot_width_max: 1.1,

@@ -3,7 +3,7 @@
 //! Hundreds of places of an image come as far as the coarse networks. Their results have the same bits in any lane.
 
 use crate::image::{ImageView, OUTSIDE};
-use crate::objects::network::CoarseNetwork;
+use crate::objects::coarse_network::CoarseNetwork;
 use crate::objects::patch::{
     CHANNEL_MAX, CHANNELS, COARSE_FLOOR, COARSE_OBSTACLE_FLOOR, COARSE_SAMPLES, CoarsePixels,
     PatchKind, logarithms,
