@@ -2,6 +2,8 @@
 //!
 //! lima2001 section 3: the first obstacle in each direction; a robot's base is where its ray leaves the carpet.
 
+use std::ops::Range;
+
 use localize::frames::{At, RobotFrame};
 use localize::math;
 use localize::world::TeamColour;
@@ -47,6 +49,9 @@ pub struct RobotDetection {
     pub kind: ObstacleKind,
 }
 
+/// Least depth of a dip between two nearer robots, metres.
+const DIP_MIN: f32 = 0.1;
+
 /// Groups the rays' obstacles into robots.
 pub(crate) fn detect_robots(
     rays: &RadialScan,
@@ -69,76 +74,123 @@ pub(crate) fn detect_robots(
         return Vec::new();
     };
     let mut found = Vec::new();
-    let mut group: Vec<usize> = Vec::new();
+    let mut group = RayGroup::default();
+    let widths = [robot_diagonal(config), std::f32::consts::TAU / count as f32];
     for step in 0..=count {
         let ray = (first + step) % count;
-        let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
+        let follows = (group.rays.last()).is_some_and(|&last| joined(last, ray)) && step < count;
         if !follows {
-            split_group(&obstacles, &group, config, &mut |group| {
+            group.split(0..group.rays.len(), widths, config, &mut |rays_of_one| {
                 found.extend(build_robot(
                     rays,
                     carpet_ends,
                     contact_search,
                     &obstacles,
-                    group,
+                    rays_of_one,
                     config,
                 ));
             });
             group.clear();
         }
-        if obstacles[ray].is_some() {
-            group.push(ray);
+        if let Some(obstacle) = &obstacles[ray] {
+            group.push(ray, obstacle);
         }
     }
     found
 }
 
-/// Splits a group wider than a robot at a dip between nearer parts, at a depth step, or where the base changes.
-fn split_group(
-    obstacles: &[Option<RayObstacle>],
-    group: &[usize],
-    config: &ObjectDetectionConfig,
-    found: &mut impl FnMut(&[usize]),
-) {
-    let range = |index: usize| obstacles[group[index]].map_or(f32::INFINITY, |c| c.smoothed_range);
-    let nearest = (0..group.len()).map(range).fold(f32::INFINITY, f32::min);
-    let ray_angle = std::f32::consts::TAU / obstacles.len() as f32;
-    if group.len() as f32 * ray_angle * nearest > robot_diagonal(config) {
-        // Running minimum of the range from both ends.
-        let running = |nearest: &mut f32, index| {
-            *nearest = range(index).min(*nearest);
-            Some(*nearest)
+/// Adjacent rays whose obstacles may be one robot.
+#[derive(Default)]
+struct RayGroup {
+    rays: Vec<usize>,
+    /// Smoothed range of each of them, metres.
+    ranges: Vec<f32>,
+    /// Whether the base of each is dark.
+    solid: Vec<bool>,
+}
+
+impl RayGroup {
+    fn push(&mut self, ray: usize, obstacle: &RayObstacle) {
+        self.rays.push(ray);
+        self.ranges.push(obstacle.smoothed_range);
+        self.solid.push(obstacle.solid_base);
+    }
+
+    fn clear(&mut self) {
+        self.rays.clear();
+        self.ranges.clear();
+        self.solid.clear();
+    }
+
+    /// Splits the rays of `part` at a dip between nearer ones, at a depth step, or where the base changes, until none of the
+    /// parts is wider than `width` (metres, at its nearest ray; `ray_angle` apart).
+    fn split(
+        &self,
+        part: Range<usize>,
+        [width, ray_angle]: [f32; 2],
+        config: &ObjectDetectionConfig,
+        found: &mut impl FnMut(&[usize]),
+    ) {
+        let ranges = &self.ranges[part.clone()];
+        let nearest = ranges.iter().copied().fold(f32::INFINITY, f32::min);
+        let cut = match ranges.len() as f32 * ray_angle * nearest > width {
+            true => self.cut(part.clone(), config),
+            false => None,
         };
-        let before: Vec<f32> = (0..group.len()).scan(f32::INFINITY, running).collect();
-        let mut after: Vec<f32> = (0..group.len())
-            .rev()
-            .scan(f32::INFINITY, running)
-            .collect();
-        after.reverse();
-        // Valid for inner indices only.
-        let dip = |index: usize| range(index) - before[index - 1].max(after[index + 1]);
-        let cut = (1..group.len().saturating_sub(1)).max_by(|&a, &b| dip(a).total_cmp(&dip(b)));
-        if let Some(cut) = cut.filter(|&cut| dip(cut) > 0.1) {
-            split_group(obstacles, &group[..cut], config, found);
-            split_group(obstacles, &group[cut + 1..], config, found);
+        let Some(cut) = cut else {
+            found(&self.rays[part]);
             return;
+        };
+        self.split(part.start..cut.start, [width, ray_angle], config, found);
+        self.split(cut.end..part.end, [width, ray_angle], config, found);
+    }
+
+    /// The rays between two robots, empty where they touch; None if nothing divides the part.
+    fn cut(&self, part: Range<usize>, config: &ObjectDetectionConfig) -> Option<Range<usize>> {
+        let ranges = &self.ranges[part.clone()];
+        let dip = deepest_dip(ranges).filter(|(depth, _)| *depth > DIP_MIN);
+        if let Some((_, index)) = dip {
+            let ray = part.start + index;
+            return Some(ray..ray + 1);
         }
         // A depth step of half a robot separates two robots.
-        let step = |index: usize| (range(index) - range(index - 1)).abs();
-        let cut = (1..group.len()).max_by(|&a, &b| step(a).total_cmp(&step(b)));
+        let steps = ranges.array_windows().map(|[a, b]| (b - a).abs());
+        let largest = last_largest(steps).filter(|(step, _)| *step > config.robot_radius);
         // Or a change of the base: a dark base next to a wall or the carpet's boundary.
-        let solid =
-            |index: usize| obstacles[group[index]].is_some_and(|obstacle| obstacle.solid_base);
-        let cut = cut
-            .filter(|&cut| step(cut) > config.robot_radius)
-            .or_else(|| (1..group.len()).find(|&index| solid(index) != solid(index - 1)));
-        if let Some(cut) = cut {
-            split_group(obstacles, &group[..cut], config, found);
-            split_group(obstacles, &group[cut..], config, found);
-            return;
-        }
+        let solid = &self.solid[part.clone()];
+        let changed = || solid.array_windows().position(|[a, b]| a != b);
+        let before = largest.map(|(_, index)| index).or_else(changed)?;
+        let ray = part.start + before + 1;
+        Some(ray..ray)
     }
-    found(group);
+}
+
+/// Depth and index of the deepest dip between nearer rays on both sides.
+fn deepest_dip(ranges: &[f32]) -> Option<(f32, usize)> {
+    // Nearest range from each ray on.
+    let mut after = ranges.to_vec();
+    for index in (1..after.len()).rev() {
+        after[index - 1] = after[index - 1].min(after[index]);
+    }
+    let mut before = f32::INFINITY;
+    let dips = ranges
+        .array_windows()
+        .zip(&after[2.min(after.len())..])
+        .map(|([left, range, _], after)| {
+            before = before.min(*left);
+            range - before.max(*after)
+        });
+    last_largest(dips).map(|(depth, index)| (depth, index + 1))
+}
+
+/// The largest value, the last of equal ones, with its index.
+fn last_largest(values: impl Iterator<Item = f32>) -> Option<(f32, usize)> {
+    values
+        .zip(0..)
+        .reduce(|best, other| match other.0 >= best.0 {
+            true => other,
+            false => best,
+        })
 }
 
 /// Largest width of a robot, metres: the diagonal of the league's square robot is √2 times its side.
