@@ -1,5 +1,6 @@
 """Documents agree with the source."""
 
+import dataclasses
 import re
 import subprocess
 import sys
@@ -45,3 +46,19 @@ def test_citations_of_methods_in_the_code_lead_to_sections() -> None:
     for path in [*(ROOT / "crates").rglob("*.rs"), *(ROOT / "py").rglob("*.py")]:
         for number in re.findall(r"methods\.md,? (\d+(?:\.\d+)?)", path.read_text()):
             assert number in sections, (path, number)
+
+
+def test_mirror_design_files_are_documented_key_by_key() -> None:
+    from mirrorball.mirror import design_file
+    from mirrorball.mirror.optical_analysis import Lens
+    from mirrorball.mirror.tolerances import Tolerances
+
+    text = (ROOT / "docs/mirror_design.md").read_text()
+    kinds = design_file.PART_KINDS | design_file.REQUIREMENT_KINDS
+    assert all(f"| {kind} |" in text for kind in (*kinds, "free"))
+    keys = {
+        design_file._toml_key(field.name) for kind in (*kinds.values(), Lens, Tolerances) for field in dataclasses.fields(kind)
+    }
+    assert [key for key in sorted(keys - {"hard"}) if f"`{key}" not in text] == []
+    assert "`hard = true`" in text
+    assert all(f"`{key}`" in text for key in design_file.CAMERA_KEYS)

@@ -109,9 +109,15 @@ impl Recording {
         if points.exists() {
             events.extend(read_points(&points, point_std)?);
         } else if images.exists() {
+            let mut last = None;
             for row in CsvTable::read(&images, &["stamp_s", "file"])?.rows() {
+                let stamp = parse_stamp(row)?;
+                if last.is_some_and(|last| stamp < last) {
+                    bail!("{}: stamp_s goes back in time", row.location());
+                }
+                last = Some(stamp);
                 events.push(RecordedSample {
-                    stamp: parse_stamp(row)?,
+                    stamp,
                     data: RecordedData::Image(folder.join(row.text("file")?)),
                 });
             }

@@ -161,7 +161,7 @@ def close(
 def _solve_end_slope(shape: Shape, start: Start, *, until: EndCondition, part: str) -> float:
     given = [value for value in (until.t, until.ground_m, until.radius_m) if value is not None]
     if len(given) != 1:
-        raise start.refuse(part, "say where it ends by exactly one of until_t, until_ground_m, until_radius_m")
+        raise start.refuse(part, "say where it ends by exactly one of until_t, until_ground, until_radius (Python: with _m)")
     if until.t is not None:
         return until.t
 

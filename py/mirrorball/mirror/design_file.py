@@ -107,9 +107,9 @@ def _parse_design(table: dict[str, Any], *, name: str, progress: bool) -> Design
     camera = _parse_camera(_require_table(_require_key(table, "camera", "the file"), "[camera]"))
     apex = _require_number(_require_key(table, "apex", "the file"), "apex")
     reach = _require_number(table.get("reach", 12.0), "reach")
-    for key, value in (("apex", apex), ("reach", reach)):
-        if not 0.0 < value <= 1000.0:
-            raise ValueError(f"{key} = {value:g} must be positive, and at most 1000")
+    for key, value, most in (("apex", apex, 5.0), ("reach", reach, 1000.0)):
+        if not 0.0 < value <= most:
+            raise ValueError(f"{key} = {value:g} must be positive, and at most {most:g} metres")
     name = str(table.get("name", name))
     if "/" in name or "\\" in name:
         raise ValueError(f"name = {name!r} must do as a file's name")

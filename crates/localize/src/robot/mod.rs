@@ -244,9 +244,13 @@ impl Default for BodyConfig {
 
 /// Where the mirror's axis meets the image, pixels: within the largest image, or as far beside it.
 const CENTRE_PX: RangeInclusive<f32> = -8192.0..=16384.0;
-/// Focal length, and radius of the mirror's rim, of any camera, pixels.
+/// Focal length of any camera, pixels.
 const FOCAL_PX: RangeInclusive<f32> = 1.0..=100_000.0;
-const RIM_PX: RangeInclusive<f32> = 1.0..=16384.0;
+/// Radius of a robot's wheels and their distance from its centre, metres.
+const WHEEL_SIZE: RangeInclusive<f32> = 0.001..=5.0;
+/// Speed and acceleration of any robot, m/s and m/s².
+const SPEED: RangeInclusive<f32> = 0.01..=50.0;
+const ACCELERATION: RangeInclusive<f32> = 0.01..=200.0;
 /// Height of a camera, metres.
 const CAMERA_HEIGHT: RangeInclusive<f32> = 0.01..=20.0;
 /// Samples per second of a simulated sensor.
@@ -314,7 +318,11 @@ impl RobotConfig {
             for (key, value, range) in [
                 ("camera.focal_px", camera.focal_px, FOCAL_PX),
                 ("camera.height", camera.height, CAMERA_HEIGHT),
-                ("camera.outer_radius_px", camera.outer_radius_px, RIM_PX),
+                (
+                    "camera.outer_radius_px",
+                    camera.outer_radius_px,
+                    1.0..=(camera.width_px + camera.height_px) as f32,
+                ),
             ] {
                 value.map_or(Ok(()), |value| check_range(key, value, range))?;
             }
@@ -414,14 +422,18 @@ impl BaseConfig {
             ));
         }
         check_within("base.wheel_angles_deg", &self.wheel_angles_deg, TURN_DEG)?;
+        for (key, value, range) in [
+            ("base.wheel_radius", self.wheel_radius, WHEEL_SIZE),
+            ("base.wheel_distance", self.wheel_distance, WHEEL_SIZE),
+            ("base.speed_max", self.speed_max, SPEED),
+            ("base.acceleration_max", self.acceleration_max, ACCELERATION),
+        ] {
+            check_range(key, value, range)?;
+        }
         for (key, value) in [
-            ("base.wheel_radius", self.wheel_radius),
-            ("base.wheel_distance", self.wheel_distance),
             ("base.ticks_per_turn", self.ticks_per_turn),
             ("base.rate_hz", self.rate_hz),
             ("base.mass", self.mass),
-            ("base.speed_max", self.speed_max),
-            ("base.acceleration_max", self.acceleration_max),
         ] {
             check_positive(key, value)?;
         }
@@ -448,6 +460,7 @@ mod tests {
             "focal_px = 1e30",
             "height = 1e30",
             "outer_radius_px = 1e-30",
+            "outer_radius_px = 4290",
             "centre_px = [238.9, 1e30]",
         ] {
             let text = format!(

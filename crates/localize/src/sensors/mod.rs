@@ -7,3 +7,4 @@ pub mod imu_calibration;
 pub mod latency_calibration;
 pub mod pose_pairs;
 pub mod wheel_calibration;
+pub mod wheel_geometry;

@@ -3,12 +3,11 @@
 //! Poses that the line points alone determine are compared with the wheels' motion between them. One fit estimates both
 //! the 3 × 3 matrix of the wheels and the latency, so that neither is taken for the other.
 
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::pose_pairs::{VisionPose, pose_pairs};
 use crate::frames::wrap_angle;
 use crate::math;
-use crate::robot::BaseConfig;
 use crate::sample::Odometry;
 
 /// Result of the fit, with standard deviations.
@@ -30,15 +29,6 @@ pub struct DriveFit {
     pub residual: [f32; 2],
     /// The same before the fit.
     pub residual_before: [f32; 2],
-}
-
-/// Radii of the wheels and their distance from the centre that explain a matrix.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WheelGeometry {
-    /// Of each wheel, metres.
-    pub radii: Vec<f32>,
-    /// From the robot's centre, metres.
-    pub distance: f32,
 }
 
 /// Why a drive gives no calibration.
@@ -199,35 +189,6 @@ impl DriveFit {
             return Ok(self.latency);
         }
         Err(DriveFitError::Latency(self.latency_std))
-    }
-
-    /// The radii and the distance of three or four wheels that explain the matrix best. None if they cannot be computed.
-    pub fn wheel_geometry(&self, base: &BaseConfig) -> Option<WheelGeometry> {
-        let wheels = base.wheel_angles_deg.len();
-        let matrix = Matrix3::from_fn(|row, column| f64::from(self.matrix[row][column]));
-        let (radius, distance) = (f64::from(base.wheel_radius), f64::from(base.wheel_distance));
-        // Wheel i: radius_i · (its rotation) = its direction · (matrix · measured motion) + distance · (rotation).
-        let mut equations = DMatrix::zeros(3 * wheels, wheels + 1);
-        let mut constants = DVector::zeros(3 * wheels);
-        for (wheel, angle) in base.wheel_angles_deg.iter().enumerate() {
-            let (sin, cos) = math::sin_cos(f64::from(*angle).to_radians());
-            let measured = Vector3::new(-sin, cos, distance) / radius;
-            let direction = Vector3::new(-sin, cos, 0.0).transpose() * matrix;
-            for column in 0..3 {
-                // Rotation at the wheels' distance, so that the three columns have one unit.
-                let unit = if column == 2 { distance } else { 1.0 };
-                let row = 3 * wheel + column;
-                equations[(row, wheel)] = measured[column] / unit;
-                equations[(row, wheels)] = -matrix[(2, column)] / unit;
-                constants[row] = direction[column] / unit;
-            }
-        }
-        let normal = equations.transpose() * &equations;
-        let solution = normal.lu().solve(&(equations.transpose() * constants))?;
-        Some(WheelGeometry {
-            radii: solution.iter().take(wheels).map(|r| *r as f32).collect(),
-            distance: solution[wheels] as f32,
-        })
     }
 }
 

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use localize::robot::OdometryCalibration;
-use localize::sensors::wheel_calibration::{DriveFit, WheelGeometry, fit_drive};
+use localize::sensors::wheel_calibration::{DriveFit, fit_drive};
+use localize::sensors::wheel_geometry::{WheelGeometry, wheel_geometry};
 use serde::Serialize;
 use vision::output_file::write_file;
 
@@ -43,7 +44,7 @@ pub(super) fn run(args: &WheelsArgs, json: bool) -> Result<()> {
     let fit =
         fit_drive(&drive.odometry, &drive.poses).with_context(|| path.display().to_string())?;
     let base = drive.robot.base.as_ref();
-    let geometry = base.and_then(|base| fit.wheel_geometry(base));
+    let geometry = base.and_then(|base| wheel_geometry(&fit.matrix, base));
     let text = calibration_text(&fit, geometry.as_ref())?;
     write_file(out, &text).with_context(|| format!("cannot write {}", out.display()))?;
     if json {

@@ -23,6 +23,7 @@ use crate::interrupt;
 /// robot.toml names is not used, but for the width of its lines.
 #[derive(clap::Args)]
 #[command(
+    allow_negative_numbers = true,
     after_help = "Example: mirrorball field from-recording drive/ --out hall.toml\n         \
                   mirrorball field from-recording drive.mcap --line-width 0.05 --out hall.toml"
 )]

@@ -17,6 +17,7 @@ use crate::commands::arguments::UsageError;
 /// --scale. Its y axis points down, that of the field to the left of x.
 #[derive(clap::Args)]
 #[command(
+    allow_negative_numbers = true,
     after_help = "Example: mirrorball field from-svg hall.svg --out hall.toml\n         \
                   mirrorball field from-svg hall.svg --scale 0.001 --line-width 0.05 --out hall.toml"
 )]
@@ -253,6 +254,13 @@ fn lay_out(drawing: &Drawing, args: &Args) -> Result<FieldConfig> {
     if size.iter().any(|side| *side > 200.0) {
         bail!(
             "the markings are {:.0} by {:.0} m large (expected at most 200 m). Is the scale right?",
+            size[0],
+            size[1]
+        );
+    }
+    if size.iter().all(|side| *side < 1.0) {
+        bail!(
+            "the markings are {:.3} by {:.3} m large (expected at least 1 m). Is the scale right?",
             size[0],
             size[1]
         );
