@@ -169,7 +169,7 @@ def test_invalid_arguments_raise_builtin_exceptions(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ("apex = 1e300", "apex = 1e+300 must be positive, and at most 1000"),
+        ("apex = 1e300", "apex = 1e+300 must be positive, and at most 5 metres"),
         ("apex = true", "apex = True must be a number"),
         ("apex = 0.2\nreach = 0", "reach = 0 must be positive"),
         ("apex = 0.2\nname = '../x'", "must do as a file's name"),

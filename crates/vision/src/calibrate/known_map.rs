@@ -24,7 +24,8 @@ const HALVES_WORK: f32 = 0.4;
 /// Calibrates the map from images anywhere on the field.
 ///
 /// `start`: a prior map, may be a fifth off and end before the outermost lines. `other_fields`: named fields that must not
-/// explain the images better. `progress` is called with the work done, 0 to 1. Errors if the images show another field, are of two robots, or do not decide the map.
+/// explain the images better. `progress` is called with the work done, 0 to 1. Errors if the images show another field, are of
+/// two robots, or do not decide the map.
 pub fn calibrate_lines(
     camera: &CameraConfig,
     start: &GroundMap,
