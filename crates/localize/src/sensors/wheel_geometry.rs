@@ -69,7 +69,7 @@ pub fn wheel_geometry(matrix: &[[f32; 3]; 3], base: &BaseConfig) -> Option<Wheel
         .map(|turns| base.wheel_radius / *turns as f32)
         .collect();
     let explained = misfit <= MISFIT_MAX && distance > 0.0 && radii.iter().all(|r| *r > 0.0);
-    explained.then(|| WheelGeometry {
+    explained.then_some(WheelGeometry {
         radii,
         distance: distance as f32,
     })

@@ -1,8 +1,7 @@
 //! Is a map from field lines good enough to be used? By the share of points on markings, and by maps of two halves of the images.
 
-use crate::calibrate::CalibrationError;
-use crate::calibrate::halves::Disagreement;
 use crate::calibrate::lines::{IMAGES_MIN, LinesCalibration};
+use crate::calibrate::{CalibrationError, Disagreement};
 
 /// Below this share of the points on the field on markings, or above this disagreement of halves (metres), other fields
 /// are tried.

@@ -4,19 +4,11 @@ use localize::Field;
 use localize::math;
 use localize::robot::CameraConfig;
 
+use crate::calibrate::Disagreement;
 use crate::calibrate::lines::{IMAGES_MIN, LinesCalibration, NamedImage, refine_map};
 use crate::calibrate::map_alignment::{PlanarTransform, ground_pairs};
 use crate::config::VisionConfig;
 use crate::optics::ground_map::GroundMap;
-
-/// How far the maps of two halves of the images are apart, metres: medians over the pixels.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Disagreement {
-    /// Up to 3 m.
-    pub near: f32,
-    /// From 3 to 5 m.
-    pub far: f32,
-}
 
 /// Fits both halves of the used images separately and compares their maps.
 pub(super) fn compare_halves(

@@ -12,11 +12,10 @@ use localize::sample::LinePoint;
 use localize::{Field, Pose};
 use rayon::prelude::*;
 
-use crate::calibrate::halves::Disagreement;
 use crate::calibrate::joint_fit::{CORRECTION_SCHEDULE, FitImage, JointFit, Markings};
 use crate::calibrate::map_correction::{BasisValues, CorrectionPoint, MapCorrection};
 use crate::calibrate::repeated_images::repeated_images;
-use crate::calibrate::{CalibrationError, ImageResidual, listed_reasons};
+use crate::calibrate::{CalibrationError, Disagreement, ImageResidual, listed_reasons};
 use crate::config::VisionConfig;
 use crate::error::VisionError;
 use crate::image::Image;

@@ -32,7 +32,6 @@ pub mod unknown_mirror;
 pub use acceptance::doubt;
 pub use apparent_size::{SizeBin, SizeCalibration, calibrate_sizes};
 pub use colours::{LearnedColours, learn_colours};
-pub use halves::Disagreement;
 pub use known_map::calibrate_lines;
 pub use lines::{LinesCalibration, NamedImage};
 pub use mask::calibrate_mask;
@@ -49,6 +48,15 @@ pub struct Correspondence {
     pub position_px: [f64; 2],
     /// Robot frame, metres.
     pub ground: [f64; 2],
+}
+
+/// How far the maps of two halves of the images are apart, metres: medians over the pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disagreement {
+    /// Up to 3 m.
+    pub near: f32,
+    /// From 3 to 5 m.
+    pub far: f32,
 }
 
 /// Residual of one image of a calibration.

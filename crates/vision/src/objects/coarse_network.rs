@@ -1,6 +1,6 @@
 //! The network that ranks the many places of the candidate search, by every second row and column of their patches.
 
-use crate::objects::network::{LANES, Weights, accumulate, rectify};
+use crate::objects::network_layers::{LANES, Weights, accumulate, rectify};
 use crate::objects::patch::{CHANNELS, COARSE_SAMPLES};
 
 /// Units of the hidden layer.

@@ -10,6 +10,7 @@ mod foot_edges;
 pub mod goals;
 pub(crate) mod ground_contact;
 mod network;
+mod network_layers;
 pub(crate) mod obstacle_candidates;
 mod obstacle_edges;
 pub(crate) mod own_body;

@@ -9,11 +9,9 @@ use std::sync::LazyLock;
 use localize::math;
 
 use crate::objects::coarse_network::CoarseNetwork;
+use crate::objects::network_layers::Weights;
 use crate::objects::patch::{CHANNELS, SAMPLES};
 use crate::objects::patch_network::PatchNetwork;
-
-/// Inputs of a layer that are added at a time.
-pub(super) const LANES: usize = 4;
 
 /// Weights as little-endian float32: for the ball and for obstacles each coarse network, screen and judge.
 static WEIGHTS: &[u8] = include_bytes!("objects.weights");
@@ -28,52 +26,16 @@ pub(crate) struct ObjectNetworks {
 
 /// The networks, decoded at first use.
 pub(crate) static NETWORKS: LazyLock<ObjectNetworks> = LazyLock::new(|| {
-    let mut weights = Weights { bytes: WEIGHTS };
+    let mut weights = Weights::new(WEIGHTS);
     let networks = ObjectNetworks {
         ball_coarse: CoarseNetwork::read(&mut weights),
         ball: CascadeNetwork::read(&mut weights),
         obstacle_coarse: CoarseNetwork::read(&mut weights),
         obstacle: CascadeNetwork::read(&mut weights),
     };
-    assert!(weights.bytes.is_empty(), "objects.weights has a wrong size");
+    assert!(weights.is_empty(), "objects.weights has a wrong size");
     networks
 });
-
-/// Reads weights in their order. The file is part of the executable, so a wrong size is a mistake of the build.
-pub(super) struct Weights {
-    bytes: &'static [u8],
-}
-
-impl Weights {
-    pub(super) fn row<const N: usize>(&mut self) -> [f32; N] {
-        std::array::from_fn(|_| {
-            let (value, rest) = self
-                .bytes
-                .split_first_chunk()
-                .expect("objects.weights is too short");
-            self.bytes = rest;
-            f32::from_le_bytes(*value)
-        })
-    }
-
-    /// Boxed arrays of a known length: loops over them need no checks and keep their sums in registers.
-    pub(super) fn rows<const N: usize, const ROWS: usize>(&mut self) -> Box<[[f32; N]; ROWS]> {
-        Box::new(std::array::from_fn(|_| self.row()))
-    }
-}
-
-/// Adds inputs times weights to the sums.
-#[inline(always)]
-pub(super) fn accumulate<const N: usize>(sums: &mut [f32; N], input: f32, weights: &[f32; N]) {
-    for (sum, weight) in sums.iter_mut().zip(weights) {
-        // One rounding: exact on every processor, and a single instruction on those of robots.
-        *sum = input.mul_add(*weight, *sum);
-    }
-}
-
-pub(super) fn rectify<const N: usize>(values: [f32; N]) -> [f32; N] {
-    values.map(|value| value.max(0.0))
-}
 
 /// A network that screens patches, and a larger one that also judges those that it leaves.
 ///

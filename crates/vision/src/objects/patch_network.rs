@@ -1,6 +1,6 @@
 //! The networks that judge a patch by its pixels. Their sums run in one order, so results are the same on every run.
 
-use crate::objects::network::{LANES, Weights, accumulate, rectify};
+use crate::objects::network_layers::{LANES, Weights, accumulate, rectify};
 use crate::objects::patch::{CHANNELS, SAMPLES, SIDE};
 
 /// Units of a dense layer, and channels of the second convolution, that are summed at a time; these have a multiple of them.
