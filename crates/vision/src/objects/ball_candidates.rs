@@ -1,6 +1,6 @@
 //! Where could a ball lie? A grid of places in steps of two thirds of a ball's radius, judged in four steps: something
 //! else than carpet before the carpet's end, as large as a ball with carpet before it, the coarse network, the convolution
-//! network.
+//! networks.
 //!
 //! The ball's colour plays no part. Few of several thousand places pass the first two steps, which read classes alone.
 
@@ -30,7 +30,7 @@ const RANGE_MAX: f32 = 6.5;
 const FLOOR_CARPET_MIN: usize = 6;
 /// Fewest of four samples at 0.85 radii around the centre that are not carpet. Lines are narrower than a ball.
 const INNER_OTHERS_MIN: usize = 2;
-/// Candidates whose pixels the convolution network judges, and their least log odds by the coarse network.
+/// Candidates whose pixels the convolution networks judge, and their least log odds by the coarse network.
 const CANDIDATES_MAX: usize = 12;
 const LOG_ODDS_MIN: f32 = 1.0;
 /// Largest view angle of a ball, radians: far beyond the carpet.
@@ -90,7 +90,7 @@ pub(crate) struct BallCandidate {
     pub(crate) view_angle: f32,
     pub(crate) azimuth: f32,
     pub(crate) ball: BallAngles,
-    /// Probability by the convolution network.
+    /// Probability by the convolution networks.
     pub(crate) probability: f32,
 }
 
@@ -245,7 +245,7 @@ impl BallGrid {
         best
     }
 
-    /// Probability of a ball at a place by the convolution network.
+    /// Probability of a ball at a place by the convolution networks.
     pub(crate) fn probability(&self, image: &ImageView<'_>, candidate: &BallCandidate) -> f32 {
         let frame = PatchFrame::ball(candidate.view_angle, candidate.azimuth, candidate.ball);
         let colours = read_patch(image, &self.angles, &frame);

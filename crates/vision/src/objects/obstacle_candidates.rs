@@ -1,5 +1,5 @@
 //! Where could a robot or a person stand? A grid of foot points, judged in three steps: an edge above carpet that is no
-//! line, the coarse network, the convolution network.
+//! line, the coarse network, the convolution networks.
 //!
 //! An edge is a step of the logarithmic colours, so a dark robot on a dim carpet counts as much as on a bright one.
 
@@ -30,7 +30,7 @@ const RANGE_MIN: f32 = 0.35;
 const EDGE_ROWS: [f32; 2] = [1.0, 2.2];
 /// Row above the foot at which a line has ended.
 const BEYOND_LINE_ROW: f32 = 4.0;
-/// Candidates whose pixels the convolution network judges, and their least log odds by the coarse network.
+/// Candidates whose pixels the convolution networks judge, and their least log odds by the coarse network.
 const CANDIDATES_MAX: usize = 56;
 const LOG_ODDS_MIN: f32 = -1.5;
 /// Candidates nearer than this are one: metres across, and across where they stand at one distance.
@@ -66,7 +66,7 @@ pub(crate) struct ObstacleCandidate {
     /// Distance of its foot, metres.
     pub(crate) range: f32,
     pub(crate) azimuth: f32,
-    /// Probabilities of a robot and of a person by the convolution network.
+    /// Probabilities of a robot and of a person by the convolution networks.
     pub(crate) robot: f32,
     pub(crate) person: f32,
 }
