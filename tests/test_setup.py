@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from setup_mistakes import MISTAKES, make_folder, scale_column
+from setup_mistakes import MISTAKES, make_folder, move_centre, scale_column
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = ROOT / "target/release/mirrorball"
@@ -37,6 +37,31 @@ EDITS = {
     "path_centimetres": "odometry.csv: convert dx_m and dy_m from centimetres",
     "compass_clockwise": "compass.csv: change the sign of heading_rad",
 }
+
+# Lines of a gym, drawn one by one.
+GYM = """
+length = 11.0
+width = 7.0
+measured_to = "centres"
+line_width = 0.05
+border = 1.5
+boundary = false
+halfway_line = false
+extra_lines = [
+  [-5.5, -3.5, 5.5, -3.5],
+  [-5.5, 3.5, 5.5, 3.5],
+  [-5.5, -3.5, -5.5, 3.5],
+  [5.5, -3.5, 5.5, 3.5],
+  [0.0, -3.5, 0.0, 3.5],
+  [-5.5, -1.5, -4.0, -1.5],
+  [-5.5, 1.5, -4.0, 1.5],
+  [-4.0, -1.5, -4.0, 1.5],
+  [3.0, -2.0, 5.5, -2.0],
+  [3.0, 2.0, 5.5, 2.0],
+  [3.0, -2.0, 3.0, 2.0],
+]
+extra_arcs = [[0.0, 0.0, 1.2, 0.0, 360.0]]
+"""
 
 
 def run(*arguments: str | Path) -> tuple[dict[str, Any], str]:
@@ -247,6 +272,91 @@ def test_field_of_another_kind_is_named_by_its_sizes(recording: str, tmp_path: P
         for axis in "xy":
             error = abs(float(row[f"{axis}_m"]) - float(truth[row["stamp_s"]][f"{axis}_m"]))
             assert error < 3.0 * float(row[f"std_{axis}_m"])
+
+
+@pytest.fixture(scope="module")
+def gym_drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive in a gym whose lines are drawn, under a mirror that shows distances evenly: a shift of its image looks like
+    one of the robot."""
+    work = tmp_path_factory.mktemp("gym")
+    for part in ("fields", "mirrors", "robots"):
+        shutil.copytree(ROOT / "config" / part, work / part)
+    robot = (work / "robots/default.toml").read_text().replace("isometric_2001.csv", "isometric.csv")
+    (work / "robots/gym.toml").write_text(robot.replace("msl_18x12.toml", "gym.toml"))
+    (work / "fields/gym.toml").write_text(GYM)
+    (work / "gym_drive.toml").write_text(
+        'robot = "robots/gym.toml"\nfield = "fields/gym.toml"\nseed = 5\nduration = 20.0\nframe_rate_hz = 10.0\n'
+        "start = { x = -3.5, y = 0.0, theta_deg = 0.0 }\n"
+        "[path]\nspeed = 1.5\nturn_rate_deg = 90.0\nwaypoints = [\n"
+        "  { x = 1.0, y = 2.5, theta_deg = -80.0 },\n  { x = 4.0, y = -1.0, theta_deg = 170.0 },\n"
+        "  { x = 0.0, y = -2.5, theta_deg = 60.0 },\n  { x = -3.0, y = 2.0, theta_deg = -90.0 },\n]\n"
+        "[ball]\nposition = [0.5, -0.4]\n"
+        "[wheels]\nradius_scale = [1.03, 1.02, 1.04]\n"
+    )
+    run("sim", work / "gym_drive.toml", "--record", work / "drive.mcap")
+    run("replay", work / "drive.mcap", "--export", work / "drive")
+    robot_file = work / "drive/robot.toml"
+    robot_file.write_text(robot_file.read_text().replace('[map]\nfile = "map.npz"\n', ""))
+    return work / "drive"
+
+
+def copy_of(drive: Path, folder: Path) -> Path:
+    shutil.copytree(drive, folder)
+    return folder
+
+
+def assert_not_confidently_wrong(folder: Path, out: Path) -> list[str]:
+    """Locates a drive and returns the warnings. Half turns of the field count as right."""
+    result, _ = run("locate", folder, "--out", out)
+    truth = {row["stamp_s"]: row for row in poses(folder / "truth.csv")}
+    for row in poses(out):
+        true = truth[row["stamp_s"]]
+        for axis in "xy":
+            found, right = float(row[f"{axis}_m"]), float(true[f"{axis}_m"])
+            error = min(abs(found - right), abs(found + right))
+            assert error < 3.5 * float(row[f"std_{axis}_m"]), row
+    warnings: list[str] = result["warnings"]
+    return warnings
+
+
+def test_drive_on_drawn_lines_has_no_suggestion(gym_drive: Path) -> None:
+    result, _ = run("doctor", "--recording", gym_drive)
+    assert result["suggestions"] == [] and result["warnings"] == []
+
+
+def test_drawn_lines_in_the_wrong_place_are_named(gym_drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    (folder / "field.toml").write_text(GYM.replace("3.5", "4.0").replace("width = 7.0", "width = 8.0"))
+    result, _ = run("doctor", "--recording", folder)
+    assert "extra_lines: y = ±3.5" in result["suggestions"][0]["change"], result["suggestions"]
+    warnings = assert_not_confidently_wrong(folder, tmp_path / "poses.csv")
+    assert any("y = ±3.5" in warning for warning in warnings), warnings
+
+
+def test_centre_that_only_the_wheels_tell_is_named(gym_drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    move_centre(folder, 4.0, -3.0)
+    result, _ = run("doctor", "--recording", folder)
+    edit = re.search(r"centre_px = \[([\d.]+), ([\d.]+)\]", result["suggestions"][0]["change"])
+    assert edit is not None, result["suggestions"]
+    assert abs(float(edit[1]) - 239.3) < 0.7 and abs(float(edit[2]) - 240.6) < 0.7
+    warnings = assert_not_confidently_wrong(folder, tmp_path / "poses.csv")
+    assert any("centre_px" in warning for warning in warnings), warnings
+
+
+def test_wheels_that_turn_about_another_point_are_not_taken_for_a_wrong_centre(gym_drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    table = folder / "odometry.csv"
+    rows = poses(table)
+    for row in rows:
+        row["dy_m"] = str(float(row["dy_m"]) + 0.1 * float(row["dtheta_rad"]))
+    with table.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    result, _ = run("doctor", "--recording", folder)
+    assert not any("centre_px" in found["change"] for found in result["suggestions"]), result["suggestions"]
+    assert any("turn about" in warning or "odometry" in warning for warning in result["warnings"]), result["warnings"]
 
 
 def test_simulated_game_has_no_warning() -> None:

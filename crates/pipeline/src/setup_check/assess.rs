@@ -9,6 +9,7 @@ use localize::setup_check::{Comparison, Explanation, FieldTables, compare, expla
 use rayon::prelude::*;
 
 use super::change::Change;
+use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
 use super::measurements::{MeasuredKeyframe, thin_out};
 use super::variant::SetupVariant;
@@ -126,6 +127,11 @@ pub(super) fn assess(
         no_better_than_random |= no_better && improvements.is_empty();
         let Some(best) = found.first() else { break };
         (variant, explanation) = (best.after.clone(), best.explanation.clone());
+        // A second step of the centre is one with the first.
+        let is_centre = |found: &Vec<Improvement>| matches!(found[0].change, Change::Centre(_));
+        if is_centre(&found) {
+            improvements.pop_if(|last| is_centre(last));
+        }
         improvements.push(found);
     }
     Assessment {
@@ -228,6 +234,12 @@ impl Trial<'_> {
                     || (is_turn && comparison.gain > 0.0)
             })
             .collect();
+        // Line points hardly tell: the wheels have decided.
+        let is_centre = |found: &Improvement| matches!(found.change, Change::Centre(_));
+        if !better.iter().any(is_centre) {
+            let by_wheels = self.search_centre_by_wheels(variant, now);
+            better.extend(by_wheels.filter(|found| found.comparison.gain > 0.0));
+        }
         // A field of another kind is explained half by many a change: it is tried unless a change explains the points.
         let explained = better
             .iter()
@@ -281,20 +293,13 @@ impl Trial<'_> {
             .collect()
     }
 
-    /// The best length and the best width, each alone, then each on top of the other.
+    /// The best length and the best width, each alone.
     fn search_size(&self, variant: &SetupVariant, now: &Explanation) -> Vec<(Change, Improvement)> {
         let stride = self.measured.len().div_ceil(SCAN_KEYFRAMES).max(1);
         let subset = thin_out(self.measured, stride);
-        let changes = [true, false].map(|along| self.best_size(variant, &subset, along));
-        let changed = changes.into_iter().flatten().filter(|change| {
-            let differs = |new: f32, old: f32| (new - old).abs() > SIZE_MIN * old;
-            match change {
-                Change::Length(length) => differs(*length, variant.field.length),
-                Change::Width(width) => differs(*width, variant.field.width),
-                _ => false,
-            }
-        });
-        self.evaluate(variant, now, changed.collect())
+        let changes = [Axis::X, Axis::Y].map(|axis| self.best_extent(variant, &subset, axis));
+        let changes = changes.into_iter().flatten().collect();
+        self.evaluate(variant, now, changes)
     }
 
     /// All sizes of the field together: a field of another kind, of which no single size explains much.
@@ -305,29 +310,28 @@ impl Trial<'_> {
         if changed == 0 {
             return None;
         }
-        let found = self.evaluate(variant, now, vec![Change::Sizes(Box::new(field))]);
+        let change = Change::Sizes {
+            from: Box::new(variant.field.clone()),
+            to: Box::new(field),
+        };
+        let found = self.evaluate(variant, now, vec![change]);
         let mut improvement = found.into_iter().next()?.1;
         improvement.comparison.gain -= field_sizes::PRIOR_COST * changed as f32;
         improvement.comparison.is_better().then_some(improvement)
     }
 
-    fn best_size(
+    /// The best distance between the field's ends or sides. None for the configured one.
+    fn best_extent(
         &self,
         variant: &SetupVariant,
         subset: &[MeasuredKeyframe],
-        along: bool,
+        axis: Axis,
     ) -> Option<Change> {
-        let start = if along {
-            variant.field.length
-        } else {
-            variant.field.width
-        };
-        let change = |size: f32| {
-            if along {
-                Change::Length(size)
-            } else {
-                Change::Width(size)
-            }
+        let extent = FieldSize::between_ends(&variant.field, axis)?;
+        let start = extent.get(&variant.field);
+        let change = |metres: f32| Change::Sizes {
+            from: Box::new(variant.field.clone()),
+            to: Box::new(extent.with(&variant.field, metres)),
         };
         let cost = |size: f32| {
             let explanation = self.explain(&change(size).apply(variant), subset)?;
@@ -348,7 +352,7 @@ impl Trial<'_> {
             let sizes = (-2..=2).map(|k| best + step * k as f32);
             (best, _) = cheapest(sizes.collect())?;
         }
-        Some(change((best * 100.0).round() / 100.0))
+        ((best - start).abs() > SIZE_MIN * start).then(|| change((best * 100.0).round() / 100.0))
     }
 }
 

@@ -1,12 +1,13 @@
 //! Would another centre, height or focal length of the camera explain the points better?
 
-use localize::setup_check::{Explanation, FieldTables, compare, explain, refine};
+use localize::setup_check::{Explanation, FieldTables, explain, refine};
 use localize::{Field, math};
 use rayon::prelude::*;
 
 use super::assess::{Improvement, SCAN_KEYFRAMES, Trial};
 use super::change::Change;
 use super::measurements::{MeasuredKeyframe, thin_out};
+use super::origin_offset::compare_with_offsets;
 use super::variant::SetupVariant;
 
 /// Steps of the mirror's centre, pixels.
@@ -86,7 +87,8 @@ impl Trial<'_> {
         improved_centre(variant, now, best)
     }
 
-    fn has_pixels(&self) -> bool {
+    /// False for line points of another vision system.
+    pub(super) fn has_pixels(&self) -> bool {
         let mut keyframes = self.measured.iter();
         keyframes.any(|keyframe| !keyframe.pixels.is_empty())
     }
@@ -216,7 +218,7 @@ fn improved_centre(
     let improvement = Improvement {
         change: change.clone(),
         after,
-        comparison: compare(now, &explanation),
+        comparison: compare_with_offsets(now, &explanation),
         explanation,
     };
     Some((change, improvement))

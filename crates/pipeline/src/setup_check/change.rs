@@ -8,6 +8,7 @@ use localize::robot::CameraConfig;
 use localize::setup_check::Explanation;
 use nalgebra::Matrix3;
 
+use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
 use super::variant::SetupVariant;
 use crate::setup::Setup;
@@ -17,12 +18,13 @@ use crate::setup::Setup;
 pub(super) enum Change {
     /// Another field file.
     Field(PathBuf, Box<FieldConfig>),
-    /// Another length, metres.
-    Length(f32),
-    /// Another width, metres.
-    Width(f32),
-    /// Several sizes of the field.
-    Sizes(Box<FieldConfig>),
+    /// Other sizes of the field.
+    Sizes {
+        /// The field before.
+        from: Box<FieldConfig>,
+        /// The field with the same markings in other places.
+        to: Box<FieldConfig>,
+    },
     /// The camera turned by quarters, then perhaps mirrored.
     Mount {
         /// Quarter turns.
@@ -57,9 +59,9 @@ impl Change {
     pub(super) fn apply(&self, variant: &SetupVariant) -> SetupVariant {
         let mut changed = variant.clone();
         match self {
-            Change::Field(_, field) | Change::Sizes(field) => changed.field = (**field).clone(),
-            Change::Length(length) => changed.field.length = *length,
-            Change::Width(width) => changed.field.width = *width,
+            Change::Field(_, field) | Change::Sizes { to: field, .. } => {
+                changed.field = (**field).clone();
+            }
             Change::Mount { quarters, mirrored } => {
                 // Turned after the mount of `variant`: a mirrored one turns the other way.
                 let own = if variant.mirrored {
@@ -97,19 +99,9 @@ impl Change {
             Change::Field(path, _) => {
                 format!("robot.toml: field = {:?}", path.display().to_string())
             }
-            Change::Length(length) => format!(
-                "field.toml: length = {length:.2} (now {:.2})",
-                setup.field.config.length
-            ),
-            Change::Width(width) => format!(
-                "field.toml: width = {width:.2} (now {:.2})",
-                setup.field.config.width
-            ),
-            Change::Sizes(field) => {
-                let edits = field_sizes::changed(&setup.field.config, field);
-                let edits = edits
-                    .iter()
-                    .map(|(name, old, new)| format!("{name} = {new:.2} (now {old:.2})"));
+            Change::Sizes { from, to } => {
+                let sizes = field_sizes::changed(from, to);
+                let edits = sizes.iter().map(|size| size.text(from, to));
                 format!("field.toml: {}", edits.collect::<Vec<_>>().join(", "))
             }
             Change::Mount { quarters, mirrored } => mount_text(setup, after, *quarters, *mirrored),
@@ -205,9 +197,17 @@ impl Change {
     pub(super) fn cause(&self) -> &'static str {
         match self {
             Change::Field(..) => "the field file is of another field",
-            Change::Length(_) => "the field's length is wrong",
-            Change::Width(_) => "the field's width is wrong",
-            Change::Sizes(_) => "the field's markings are of other sizes",
+            Change::Sizes { from, to } => {
+                let sizes = field_sizes::changed(from, to);
+                let is = |axis| sizes.as_slice() == FieldSize::between_ends(from, axis).as_slice();
+                if is(Axis::X) {
+                    "the field's length is wrong"
+                } else if is(Axis::Y) {
+                    "the field's width is wrong"
+                } else {
+                    "the field's markings are of other sizes"
+                }
+            }
             Change::Mount { mirrored: true, .. } => "left and right of the image are exchanged",
             Change::Mount { .. } => "the camera's forward direction is wrong",
             Change::CompassQuarterTurns(_) => "the compass is turned",

@@ -7,6 +7,7 @@ use super::SetupReport;
 use super::assess::Assessment;
 use super::change::Change;
 use super::latency::OtherLatency;
+use super::origin_offset::OriginOffset;
 use super::ranges::RangeFinding;
 use crate::recording::Table;
 
@@ -79,7 +80,22 @@ impl SetupReport {
             1e3 * age,
             1e3 * configured,
         ));
-        let covariance = Matrix3::from_diagonal(&pose_error.component_mul(pose_error));
+        self.add_covariance(Matrix3::from_diagonal(&pose_error.component_mul(pose_error)));
+    }
+
+    /// Adds that poses and wheels turn about different points, if `explained` says so, and what that does to the poses.
+    pub(super) fn doubt_origin(&mut self, explained: &Explanation) {
+        let Some(offset) = OriginOffset::find(explained) else {
+            return;
+        };
+        let [x, y] = offset.at.into();
+        self.doubt(format!(
+            "the poses are those of a point that lies ({x:+.2}, {y:+.2}) m from the one that the wheels turn about: the origin of map or points is off, or the wheels' matrix is wrong (`mirrorball calibrate wheels` measures it)"
+        ));
+        self.add_covariance(offset.pose_covariance());
+    }
+
+    fn add_covariance(&mut self, covariance: Matrix3<f32>) {
         let before = self.added_pose_covariance.unwrap_or_default();
         self.added_pose_covariance = Some(before + covariance);
     }

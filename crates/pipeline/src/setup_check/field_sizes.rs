@@ -8,6 +8,8 @@ use localize::config::LocalizeConfig;
 use localize::field::FieldConfig;
 use localize::setup_check::{Explanation, FieldTables, Keyframe, refine};
 
+use super::field_size::FieldSize;
+
 /// Log likelihood that a size must gain to be changed: half the logarithm of some ten thousand points, as in Schwarz's
 /// criterion.
 pub(super) const PRIOR_COST: f32 = 5.0;
@@ -22,29 +24,11 @@ const CHANGE_MIN: f32 = 0.06;
 /// The largest change that an imperfect map may explain: metres, and share of the size. No size beyond it, no mistake.
 const MISTAKE_MIN: (f32, f32) = (0.15, 0.02);
 
-/// A size: its key, and where it stands.
-type Size = (&'static str, fn(&mut FieldConfig) -> &mut f32);
-
-const SIZES: [Size; 9] = [
-    ("length", |field| &mut field.length),
-    ("width", |field| &mut field.width),
-    ("centre_circle_radius", |field| {
-        &mut field.centre_circle_radius
-    }),
-    ("penalty_area.width", |field| &mut field.penalty_area.width),
-    ("penalty_area.depth", |field| &mut field.penalty_area.depth),
-    ("goal_area.width", |field| &mut field.goal_area.width),
-    ("goal_area.depth", |field| &mut field.goal_area.depth),
-    ("corner_arc_radius", |field| &mut field.corner_arc_radius),
-    ("penalty_spot", |field| &mut field.penalty_spot),
-];
-
-/// The sizes in which two fields differ: key, old and new value, metres.
-pub(super) fn changed(from: &FieldConfig, to: &FieldConfig) -> Vec<(&'static str, f32, f32)> {
-    let (mut from, mut to) = (from.clone(), to.clone());
-    let all = SIZES.map(|(name, size)| (name, *size(&mut from), *size(&mut to)));
-    let differs = |(_, old, new): &(&str, f32, f32)| (old - new).abs() > 1e-3;
-    all.into_iter().filter(differs).collect()
+/// The sizes in which two fields differ.
+pub(super) fn changed(from: &FieldConfig, to: &FieldConfig) -> Vec<FieldSize> {
+    let mut sizes = FieldSize::all(from);
+    sizes.retain(|size| (size.get(from) - size.get(to)).abs() > 1e-3);
+    sizes
 }
 
 /// A field with its cost, the number of its changed sizes included, and the poses on it.
@@ -56,6 +40,7 @@ struct Candidate {
 
 struct Search<'a> {
     configured: &'a FieldConfig,
+    sizes: Vec<FieldSize>,
     keyframes: &'a [Keyframe],
     config: LocalizeConfig,
 }
@@ -71,6 +56,7 @@ pub(super) fn search(
     config.distance_field.cell = config.distance_field.cell.max(CELL);
     let search = Search {
         configured,
+        sizes: FieldSize::all(configured),
         keyframes,
         config,
     };
@@ -80,7 +66,7 @@ pub(super) fn search(
     for step in STEPS {
         for _ in 0..PASSES_MAX {
             let before = best.cost;
-            for size in SIZES {
+            for size in &search.sizes {
                 search.descend(&mut best, size, step);
             }
             if best.cost >= before {
@@ -88,10 +74,11 @@ pub(super) fn search(
             }
         }
     }
-    for size in SIZES {
-        search.restore(&mut best, size);
+    for size in &search.sizes {
+        best.field = search.restored(&best.field, size);
     }
-    let is_mistake = |(_, old, new): &(&str, f32, f32)| {
+    let is_mistake = |size: &FieldSize| {
+        let (old, new) = (size.get(configured), size.get(&best.field));
         (new - old).abs() > MISTAKE_MIN.0.max(MISTAKE_MIN.1 * old)
     };
     if changed(configured, &best.field).iter().any(is_mistake) {
@@ -106,7 +93,10 @@ impl Search<'_> {
     fn candidate(&self, field: FieldConfig, start: &Explanation) -> Option<Candidate> {
         let mut tables = FieldTables::new(&Field::new(field.clone()).ok()?, &self.config);
         let explanation = refine(&mut tables, self.keyframes, start);
-        let prior = PRIOR_COST * changed(self.configured, &field).len() as f32;
+        let is_changed = |size: &&FieldSize| {
+            (size.get(self.configured) - size.get(&field)).abs() > 1e-3
+        };
+        let prior = PRIOR_COST * self.sizes.iter().filter(is_changed).count() as f32;
         Some(Candidate {
             cost: explanation.cost() + prior,
             field,
@@ -115,17 +105,13 @@ impl Search<'_> {
     }
 
     /// Changes one size while that explains more. A marking that is left out stays so.
-    fn descend(&self, best: &mut Candidate, (_, size): Size, step: f32) {
-        if *size(&mut best.field) <= 0.0 {
-            return;
-        }
+    fn descend(&self, best: &mut Candidate, size: &FieldSize, step: f32) {
         for direction in [step, -step] {
             let mut moved = false;
             loop {
-                let mut field = best.field.clone();
-                *size(&mut field) += direction;
-                let next = (*size(&mut field) > 0.0)
-                    .then(|| self.candidate(field, &best.explanation))
+                let value = size.get(&best.field) + direction;
+                let next = (value > 0.0)
+                    .then(|| self.candidate(size.with(&best.field, value), &best.explanation))
                     .flatten()
                     .filter(|next| next.cost < best.cost);
                 let Some(next) = next else { break };
@@ -138,15 +124,15 @@ impl Search<'_> {
         }
     }
 
-    /// Takes a small change back, and rounds others to centimetres.
-    fn restore(&self, best: &mut Candidate, (_, size): Size) {
-        let old = *size(&mut self.configured.clone());
-        let new = size(&mut best.field);
-        *new = if (*new - old).abs() < CHANGE_MIN {
+    /// The field without a small change of a size; others are rounded to centimetres.
+    fn restored(&self, field: &FieldConfig, size: &FieldSize) -> FieldConfig {
+        let (old, new) = (size.get(self.configured), size.get(field));
+        let value = if (new - old).abs() < CHANGE_MIN {
             old
         } else {
-            (*new * 100.0).round() / 100.0
+            (new * 100.0).round() / 100.0
         };
+        size.with(field, value)
     }
 }
 
@@ -217,6 +203,10 @@ mod tests {
         assert!(better);
         // The goal area's sides are short: where few points lie on them, their size stays as it was.
         let edits = changed(&configured, &field);
+        let texts: Vec<String> = edits
+            .iter()
+            .map(|size| size.text(&configured, &field))
+            .collect();
         for expected in [
             "length",
             "width",
@@ -224,15 +214,13 @@ mod tests {
             "penalty_area.width",
         ] {
             assert!(
-                edits.iter().any(|(name, ..)| *name == expected),
-                "{edits:?}"
+                texts.iter().any(|text| text.starts_with(expected)),
+                "{texts:?}"
             );
         }
-        for (name, size) in SIZES {
-            let new = *size(&mut field.clone());
-            let is_edited = edits.iter().any(|(edited, ..)| *edited == name);
-            let off = (new - *size(&mut real)).abs();
-            assert!(!is_edited || off < 0.12, "{name} = {new}, {off} m off");
+        for size in edits {
+            let off = (size.get(&field) - size.get(&real)).abs();
+            assert!(off < 0.12, "{texts:?}: {off} m off");
         }
     }
 

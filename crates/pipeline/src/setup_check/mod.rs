@@ -1,7 +1,7 @@
 //! Is the set-up right? Tries other fields, camera mounts, compass turns and units on the same measurements.
 //!
 //! `ranges` reads what the tables betray, `measurements` selects keyframes, `assess` compares variants of the set-up
-//! (`variant`, `change`) by `localize::setup_check`, `dead_sensors` and `inertial` find sensors that say nothing or lie. The report has warnings for every run and suggestions for the
+//! (`variant`, `change`) by `localize::setup_check`, `origin_offset` where the wheels turn, `dead_sensors` and `inertial` find sensors that say nothing or lie. The report has warnings for every run and suggestions for the
 //! doctor.
 
 mod assess;
@@ -10,12 +10,14 @@ mod change;
 mod collector;
 mod dead_sensors;
 mod doubts;
+mod field_size;
 mod field_sizes;
 mod inertial;
 mod inertial_motion;
 mod latency;
 mod measurements;
 mod motion_search;
+mod origin_offset;
 mod ranges;
 #[cfg(test)]
 mod tests;
@@ -25,6 +27,7 @@ mod wheel_fit;
 use std::path::Path;
 
 use anyhow::Result;
+use localize::field::FieldConfig;
 use localize::setup_check::Explanation;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -42,6 +45,7 @@ use crate::setup::Setup;
 use assess::{Assessment, assess, compass_agreement_in_degrees};
 use change::Change;
 use dead_sensors::FIT_FINE;
+use field_size::{Axis, FieldSize};
 use variant::SetupVariant;
 
 /// How well the set-up explains its measurements.
@@ -216,6 +220,9 @@ pub fn check(
     let explained = assessment.explained();
     report.add_doubts(&assessment, explained, path_of_poses.flatten(), &ranges);
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
+    if explained.on_markings() > FIT_FINE {
+        report.doubt_origin(explained);
+    }
     // Another mistake contradicts the wheels' steps, too; and a latency that is estimated while driving needs no edit.
     if assessment.improvements.is_empty() && config.localize.filter.camera_latency_std == 0.0 {
         let wheels = SetupVariant::configured(setup).wheels(setup);
@@ -326,11 +333,11 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
         });
     // Under a wrong size the poses may cling to either end.
     let (now, other) = (&setup.field.config, &last.after.field);
-    let resized = Vector3::new(
-        0.5 * (now.length - other.length),
-        0.5 * (now.width - other.width),
-        0.0,
-    );
+    let extent = |field: &FieldConfig, axis: Axis| {
+        FieldSize::between_ends(field, axis).map_or(0.0, |size| size.get(field))
+    };
+    let resized = |axis: Axis| 0.5 * (extent(now, axis) - extent(other, axis));
+    let resized = Vector3::new(resized(Axis::X), resized(Axis::Y), 0.0);
     let floor = match last.change {
         Change::Centre(_) | Change::CameraTurn(_) => Vector3::zeros(),
         _ => Vector3::new(DOUBT_STD.0, DOUBT_STD.0, DOUBT_STD.1),

@@ -1,8 +1,8 @@
-//! By which angle, and by which matrix, do the wheels differ from the poses? Robust fits to the steps between keyframes.
+//! By which angle, offset and matrix do the wheels differ from the poses? Robust fits to the steps between keyframes.
 
 use localize::math;
 use localize::setup_check::MeasuredStep;
-use nalgebra::{Matrix3, Matrix6, RowVector6, Vector3, Vector6};
+use nalgebra::{Matrix2, Matrix3, Matrix6, RowVector6, Vector2, Vector3, Vector6};
 
 /// Shorter steps say little about a direction, metres.
 const STEP_MIN: f32 = 0.1;
@@ -10,10 +10,10 @@ const STEP_MIN: f32 = 0.1;
 const STEPS_MIN: usize = 6;
 /// Expected errors of a step between two poses: metres, radians.
 pub(super) const STEP_STD: (f32, f32) = (0.03, 0.04);
-/// Standard deviations of what right wheels may have: shares by which they measure one direction longer than another, and
-/// metres by which their centre is off.
+/// Standard deviation of what right wheels may have: the share by which they measure one direction longer than another.
 const UNEVEN_STD: f32 = 0.04;
-const OFFSET_STD: f32 = 0.03;
+/// Standard deviation of the offset of an origin of which nothing is known, metres.
+const OFFSET_STD: f32 = 0.5;
 /// Standard deviation of the elements of a matrix of wrong wheels.
 const MATRIX_STD: f32 = 0.3;
 /// Directions that count as the same one, radians.
@@ -26,24 +26,45 @@ const PASSES: usize = 8;
 /// Unevenly long directions and an offset of the centre are fitted along with it: they turn single steps, and make the angle
 /// uncertain where the robot has driven in one direction only. None for too few steps that agree on an angle.
 pub(super) fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
+    let (fitted, covariance) = fit_steps(steps)?;
+    let scale = math::hypot(fitted[0], fitted[1]);
+    let across = Vector6::new(-fitted[1], fitted[0], 0.0, 0.0, 0.0, 0.0) / (scale * scale);
+    let std = (across.transpose() * covariance * across).x.sqrt();
+    (scale > 0.3).then(|| (math::atan2(fitted[1], fitted[0]), std))
+}
+
+/// Where the origin of the poses lies in the frame of the wheels, metres, with its covariance. None for too few steps that
+/// agree on an angle.
+pub(super) fn offset_between(steps: &[MeasuredStep]) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+    let (fitted, covariance) = fit_steps(steps)?;
+    let (offset, covariance) = (
+        fitted.fixed_rows::<2>(4).into_owned(),
+        covariance.fixed_view::<2, 2>(4, 4).into_owned(),
+    );
+    Some((offset, covariance))
+}
+
+/// Rotation and scale of the wheels' steps (two numbers, as of a complex factor), their unevenness (two), and the offset of the
+/// poses' origin (two, metres) with which they become the steps of the poses, and the covariance of these numbers.
+fn fit_steps(steps: &[MeasuredStep]) -> Option<(Vector6<f32>, Matrix6<f32>)> {
     let steps: Vec<([f32; 3], [f32; 2])> = steps
         .iter()
         .map(|step| {
             let (wheels, poses) = (step.wheels, step.poses);
             ([wheels.x, wheels.y, wheels.theta], [poses.x, poses.y])
         })
-        .filter(|([wx, wy, _], [x, y])| {
-            let (wheels, poses) = (math::hypot(*wx, *wy), math::hypot(*x, *y));
-            wheels > STEP_MIN && poses > 0.5 * wheels && poses < 2.0 * wheels
-        })
         .collect();
-    if steps.len() < STEPS_MIN {
-        return None;
-    }
     let angle = |&([wx, wy, _], [x, y]): &([f32; 3], [f32; 2])| {
         math::atan2(wx * y - wy * x, wx * x + wy * y)
     };
-    let angles: Vec<f32> = steps.iter().map(angle).collect();
+    let has_direction = |([wx, wy, _], [x, y]): &&([f32; 3], [f32; 2])| {
+        let (wheels, poses) = (math::hypot(*wx, *wy), math::hypot(*x, *y));
+        wheels > STEP_MIN && poses > 0.5 * wheels && poses < 2.0 * wheels
+    };
+    let angles: Vec<f32> = steps.iter().filter(has_direction).map(angle).collect();
+    if angles.len() < STEPS_MIN {
+        return None;
+    }
     let near = |one: f32| {
         let others = angles.iter();
         let same = others
@@ -54,19 +75,19 @@ pub(super) fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
         .iter()
         .map(|one| (*one, near(*one)))
         .max_by_key(|(_, count)| *count)?;
-    if 2 * agreeing < steps.len() {
+    if 2 * agreeing < angles.len() {
         return None;
     }
-    // Rotation and scale, unevenness, offset of the centre.
     let mut fitted = Vector6::new(math::cos(start), math::sin(start), 0.0, 0.0, 0.0, 0.0);
     let prior = Vector6::new(10.0, 10.0, UNEVEN_STD, UNEVEN_STD, OFFSET_STD, OFFSET_STD)
         .map(|std| 1.0 / (std * std));
     let mut covariance = Matrix6::zeros();
     for _ in 0..PASSES {
         let rows = |[wx, wy, turn]: [f32; 3]| {
+            let (sin, cos) = math::sin_cos(turn);
             [
-                RowVector6::new(wx, -wy, wx, wy, turn, 0.0),
-                RowVector6::new(wy, wx, -wy, wx, 0.0, turn),
+                RowVector6::new(wx, -wy, wx, wy, cos - 1.0, -sin),
+                RowVector6::new(wy, wx, -wy, wx, sin, cos - 1.0),
             ]
         };
         let errors: Vec<f32> = steps
@@ -89,10 +110,7 @@ pub(super) fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
         covariance = information.try_inverse()?;
         fitted = covariance * vector;
     }
-    let scale = math::hypot(fitted[0], fitted[1]);
-    let across = Vector6::new(-fitted[1], fitted[0], 0.0, 0.0, 0.0, 0.0) / (scale * scale);
-    let std = (across.transpose() * covariance * across).x.sqrt();
-    (scale > 0.3).then(|| (math::atan2(fitted[1], fitted[0]), std))
+    Some((fitted, covariance))
 }
 
 /// The matrix by which the wheels' motion (metres, metres, radians) becomes that of the poses. None for too few steps.
@@ -208,6 +226,35 @@ mod tests {
             angle.abs() < 2.0 * std,
             "{angle} +- {std}: uneven wheels would do the same"
         );
+    }
+
+    #[test]
+    fn offset_of_the_poses_origin_is_found_in_turns_beside_uneven_wheels_and_outliers() {
+        let uneven = Matrix3::from_diagonal(&Vector3::new(1.03, 0.98, 1.0));
+        for offset in [[0.0, 0.0], [0.12, -0.05], [0.0, 0.04]] {
+            let origin = Tf::new(offset[0], offset[1], 0.0);
+            let moved = steps(0.0, uneven).into_iter().map(|step| MeasuredStep {
+                poses: origin.inverse() * step.poses * origin,
+                ..step
+            });
+            let (found, covariance) =
+                offset_between(&moved.collect::<Vec<_>>()).expect("an offset");
+            let error = found - Vector2::from(offset);
+            assert!(error.norm() < 0.02, "{offset:?}: {found}");
+            assert!(covariance.trace().sqrt() < 0.04, "{covariance}");
+        }
+    }
+
+    #[test]
+    fn offset_is_uncertain_without_turns() {
+        let straight: Vec<_> = (0..30)
+            .map(|_| MeasuredStep {
+                wheels: Tf::new(0.4, 0.0, 0.0),
+                poses: Tf::new(0.4, 0.016, 0.0),
+            })
+            .collect();
+        let (_, covariance) = offset_between(&straight).expect("an offset");
+        assert!(covariance.trace().sqrt() > 0.5, "{covariance}");
     }
 
     #[test]

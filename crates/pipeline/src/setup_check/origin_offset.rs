@@ -1,0 +1,122 @@
+//! Do the poses turn about the point that the wheels turn about? Another centre of the mirror, or an offset of the map's origin.
+//!
+//! Near the robot a shift of the mirror's centre moves all ground alike. Line points cannot tell that from another position of
+//! the robot, but the wheels can, in turns (docs/methods.md 16.2).
+
+use localize::Field;
+use localize::math;
+use localize::setup_check::{Comparison, Explanation, FieldTables, compare, refine};
+use nalgebra::{Matrix2, Matrix3, Vector2};
+
+use super::assess::{Improvement, Trial};
+use super::change::Change;
+use super::variant::SetupVariant;
+use super::wheel_fit::offset_between;
+
+/// Standard deviation of the centre about which right wheels turn, metres.
+const WHEELS_STD: f32 = 0.01;
+/// Standard deviations that an offset must have to be named.
+const OFFSET_SIGMAS: f32 = 3.0;
+/// Shift that shows by how much a pixel moves the origin, pixels.
+const PROBE_PX: f32 = 3.0;
+/// Passes of the search for a centre without an offset.
+const PASSES: usize = 3;
+/// Farthest shift of the centre that is tried, pixels.
+const REACH_PX: f32 = 60.0;
+
+/// An offset of the poses' origin from the point that the wheels turn about.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct OriginOffset {
+    /// In the robot frame, metres.
+    pub(super) at: Vector2<f32>,
+    /// Square of its standard deviations: twice the log likelihood that it gains over none.
+    squared_sigmas: f32,
+}
+
+impl OriginOffset {
+    /// Offset by the steps of an explanation. None for too few steps.
+    pub(super) fn measure(explanation: &Explanation) -> Option<Self> {
+        let (at, covariance) = offset_between(&explanation.steps())?;
+        let covariance = covariance + Matrix2::identity() * WHEELS_STD.powi(2);
+        let squared_sigmas = (at.transpose() * covariance.try_inverse()? * at).x;
+        Some(OriginOffset { at, squared_sigmas })
+    }
+
+    /// Offset by the steps of an explanation, if it is one beyond doubt.
+    pub(super) fn find(explanation: &Explanation) -> Option<Self> {
+        OriginOffset::measure(explanation).filter(OriginOffset::is_certain)
+    }
+
+    fn is_certain(&self) -> bool {
+        self.squared_sigmas > OFFSET_SIGMAS.powi(2)
+    }
+
+    /// Covariance of poses by headings of all directions.
+    pub(super) fn pose_covariance(&self) -> Matrix3<f32> {
+        let variance = 0.5 * self.at.norm_squared();
+        Matrix3::from_diagonal(&[variance, variance, 0.0].into())
+    }
+}
+
+impl Trial<'_> {
+    /// The centre with which poses and wheels turn about one point. The gain is that of line points and wheels together.
+    ///
+    /// None for a calibrated map, whose origin may be off as well as the image.
+    pub(super) fn search_centre_by_wheels(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+    ) -> Option<Improvement> {
+        let offset = OriginOffset::find(now)
+            .filter(|_| self.has_pixels() && !self.setup.is_calibrated())?;
+        let field = Field::new(variant.field.clone()).ok()?;
+        let mut tables = FieldTables::new(&field, &self.config);
+        let mut explain_at = |shift: Vector2<f32>, start: &Explanation| {
+            let change = Change::Centre(shift.into());
+            let after = change.apply(variant);
+            let keyframes = after.apply(self.setup, self.measured);
+            let explanation = refine(&mut tables, &keyframes, start);
+            (change, after, explanation)
+        };
+        let mut shift = Vector2::from(variant.centre_shift);
+        let mut remaining = offset;
+        let mut best = None;
+        for _ in 0..PASSES {
+            let start = best.as_ref().map_or(now, |(_, _, explanation)| explanation);
+            let mut probe = |step: Vector2<f32>| {
+                let (_, _, explanation) = explain_at(shift + step, start);
+                let moved = OriginOffset::measure(&explanation)?;
+                Some((moved.at - remaining.at) / PROBE_PX)
+            };
+            let columns = [
+                probe(Vector2::new(PROBE_PX, 0.0))?,
+                probe(Vector2::new(0.0, PROBE_PX))?,
+            ];
+            shift -= Matrix2::from_columns(&columns).try_inverse()? * remaining.at;
+            let [u, v] = (shift - Vector2::from(variant.centre_shift)).into();
+            if !(math::hypot(u, v) <= REACH_PX) {
+                return None;
+            }
+            let next = explain_at(shift, start);
+            remaining = OriginOffset::measure(&next.2)?;
+            best = Some(next);
+        }
+        let (change, after, explanation) = best.filter(|_| !remaining.is_certain())?;
+        Some(Improvement {
+            change,
+            after,
+            comparison: compare_with_offsets(now, &explanation),
+            explanation,
+        })
+    }
+}
+
+/// As [`compare`], with the gain of the wheels' steps in turns, which single keyframes are too uncertain for.
+pub(super) fn compare_with_offsets(now: &Explanation, other: &Explanation) -> Comparison {
+    let cost = |explanation| {
+        OriginOffset::measure(explanation).map_or(0.0, |offset| 0.5 * offset.squared_sigmas)
+    };
+    let mut comparison = compare(now, other);
+    comparison.gain += cost(now) - cost(other);
+    comparison
+}
