@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import random
 import re
 import shutil
@@ -9,7 +10,9 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from setup_mistakes import MISTAKES, make_folder, move_centre, scale_column
 
@@ -357,6 +360,46 @@ def test_wheels_that_turn_about_another_point_are_not_taken_for_a_wrong_centre(g
     result, _ = run("doctor", "--recording", folder)
     assert not any("centre_px" in found["change"] for found in result["suggestions"]), result["suggestions"]
     assert any("turn about" in warning or "odometry" in warning for warning in result["warnings"]), result["warnings"]
+
+
+def write_map(path: Path, x: NDArray[np.float32], y: NDArray[np.float32]) -> None:
+    np.savez_compressed(path, x_m=x.astype(np.float32), y_m=y.astype(np.float32))
+
+
+@pytest.mark.parametrize(("mirrored", "degrees"), [(False, 0.0), (False, 180.0), (True, 37.0), (False, -100.0)])
+def test_side_forward_and_origin_of_a_map_are_found_by_the_wheels(
+    gym_drive: Path, tmp_path: Path, mirrored: bool, degrees: float
+) -> None:
+    right = np.load(gym_drive / "map.npz")
+    x, y = right["x_m"] - 0.06, right["y_m"] + 0.04
+    sin, cos = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    y = -y if mirrored else y
+    write_map(tmp_path / "guessed.npz", cos * x + sin * y, cos * y - sin * x)
+    result, _ = run("calibrate", "mount", gym_drive, "--map", tmp_path / "guessed.npz", "--out", tmp_path / "mounted.npz")
+    assert result["mirrored"] == mirrored
+    assert result["wheels_agree"] > 0.95
+    assert result["turn_std_deg"] < 1.0 and result["origin_std_m"] < 0.03
+    mounted = np.load(tmp_path / "mounted.npz")
+    near = np.hypot(right["x_m"], right["y_m"]) < 2.0
+    off = [np.nanmedian(mounted[name][near] - right[name][near]) for name in ("x_m", "y_m")]
+    assert np.hypot(*off) < 0.03, result
+    turn = np.angle(np.nansum((mounted["x_m"] + 1j * mounted["y_m"])[near] * (right["x_m"] - 1j * right["y_m"])[near]))
+    assert abs(math.degrees(turn)) < 1.5, result
+
+
+def test_mount_of_a_map_needs_a_calibrated_map_and_wheels(gym_drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    (folder / "odometry.csv").unlink()
+    profile = [str(RIGHT)]
+    right = np.load(gym_drive / "map.npz")
+    write_map(tmp_path / "guessed.npz", right["x_m"] - 0.06, right["y_m"])
+    no_wheels = [str(folder), "--map", str(tmp_path / "guessed.npz")]
+    for arguments, reason in [(profile, "mirror profile"), (no_wheels, "odometry.csv")]:
+        out = tmp_path / "mounted.npz"
+        command = [PROGRAM, "calibrate", "mount", *arguments, "--out", out]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 1 and reason in done.stderr, done.stderr
+        assert not out.exists()
 
 
 def test_simulated_game_has_no_warning() -> None:

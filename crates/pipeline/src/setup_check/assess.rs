@@ -106,15 +106,7 @@ pub(super) fn assess(
     measured: &[MeasuredKeyframe],
     effort: Effort,
 ) -> Assessment {
-    let mut config = config.clone();
-    if let Some(height) = setup.viewpoint_height {
-        config.matching.viewpoint_height = height;
-    }
-    let trial = Trial {
-        setup,
-        measured,
-        config,
-    };
+    let trial = Trial::new(setup, config, measured);
     let mut variant = SetupVariant::configured(setup);
     let Some(configured) = trial.explain(&variant, measured) else {
         return Assessment::default();
@@ -147,13 +139,28 @@ pub(super) fn compass_agreement_in_degrees(
     config: &LocalizeConfig,
     measured: &[MeasuredKeyframe],
 ) -> Option<f32> {
-    let trial = Trial {
-        setup,
-        measured,
-        config: config.clone(),
-    };
+    let trial = Trial::new(setup, config, measured);
     let variant = Change::CompassInDegrees.apply(&SetupVariant::configured(setup));
     trial.explain(&variant, measured)?.compass_agrees()
+}
+
+impl<'a> Trial<'a> {
+    /// Tries on these measurements, at the camera's own height.
+    pub(super) fn new(
+        setup: &'a Setup,
+        config: &LocalizeConfig,
+        measured: &'a [MeasuredKeyframe],
+    ) -> Self {
+        let mut config = config.clone();
+        if let Some(height) = setup.viewpoint_height {
+            config.matching.viewpoint_height = height;
+        }
+        Trial {
+            setup,
+            measured,
+            config,
+        }
+    }
 }
 
 impl Trial<'_> {

@@ -233,7 +233,9 @@ fn turn_text(setup: &Setup, after: &SetupVariant, angle: f32) -> String {
             camera.forward_deg
         ),
         (Some(_), true) => {
-            format!("calibrate the map again: turn its ground points by {degrees:+.1} degrees")
+            format!(
+                "turn the map's ground points by {degrees:+.1} degrees (`mirrorball calibrate mount` does)"
+            )
         }
         (None, _) => format!("points.csv: turn the points by {degrees:+.1} degrees"),
     }
@@ -259,16 +261,19 @@ fn mount_text(setup: &Setup, after: &SetupVariant, quarters: u8, mirrored: bool)
             format!("robot.toml: {}", edits.join(", "))
         }
         (camera, _) => {
-            let what = if camera.is_some() {
-                "calibrate the map again: its ground points are"
+            let (what, help) = if camera.is_some() {
+                (
+                    "the map's ground points are",
+                    " (`mirrorball calibrate mount` corrects the map)",
+                )
             } else {
-                "points.csv: the points are"
+                ("points.csv: the points are", "")
             };
             let turn = format!("turned by {} degrees", 90 * u16::from(quarters));
             let mirror = "mirrored (y_m has the wrong sign)".to_owned();
             let wrong = [(quarters > 0).then_some(turn), mirrored.then_some(mirror)];
             let wrong: Vec<String> = wrong.into_iter().flatten().collect();
-            format!("{what} {}", wrong.join(" and "))
+            format!("{what} {}{help}", wrong.join(" and "))
         }
     }
 }

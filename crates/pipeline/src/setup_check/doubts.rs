@@ -80,7 +80,9 @@ impl SetupReport {
             1e3 * age,
             1e3 * configured,
         ));
-        self.add_covariance(Matrix3::from_diagonal(&pose_error.component_mul(pose_error)));
+        self.add_covariance(Matrix3::from_diagonal(
+            &pose_error.component_mul(pose_error),
+        ));
     }
 
     /// Adds that poses and wheels turn about different points, if `explained` says so, and what that does to the poses.
@@ -90,7 +92,7 @@ impl SetupReport {
         };
         let [x, y] = offset.at.into();
         self.doubt(format!(
-            "the poses are those of a point that lies ({x:+.2}, {y:+.2}) m from the one that the wheels turn about: the origin of map or points is off, or the wheels' matrix is wrong (`mirrorball calibrate wheels` measures it)"
+            "the poses are those of a point that lies ({x:+.2}, {y:+.2}) m from the one that the wheels turn about: the map's origin is off (`mirrorball calibrate mount` moves it), or that of points.csv, or the wheels' matrix is wrong (`mirrorball calibrate wheels` measures it)"
         ));
         self.add_covariance(offset.pose_covariance());
     }

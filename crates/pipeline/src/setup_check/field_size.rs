@@ -104,10 +104,7 @@ impl FieldSize {
             .iter()
             .filter(|size| matches!(size, FieldSize::Drawn { axis: own, .. } if *own == axis))
             .max_by(|a, b| a.get(field).total_cmp(&b.get(field)));
-        all.iter()
-            .find(|size| **size == key)
-            .or(outermost)
-            .cloned()
+        all.iter().find(|size| **size == key).or(outermost).cloned()
     }
 
     /// Its value, metres.
@@ -220,8 +217,7 @@ fn drawn(field: &FieldConfig) -> Vec<FieldSize> {
             add(Axis::Y, DrawnNumber::Line(row, column + 1), along_x);
         }
     }
-    let length_of =
-        |&[_, _, radius, _, sweep]: &[f32; 5]| radius * sweep.to_radians().abs();
+    let length_of = |&[_, _, radius, _, sweep]: &[f32; 5]| radius * sweep.to_radians().abs();
     for (row, arc) in field.extra_arcs.iter().enumerate() {
         add(Axis::X, DrawnNumber::Arc(row, 0), length_of(arc));
         add(Axis::Y, DrawnNumber::Arc(row, 1), length_of(arc));

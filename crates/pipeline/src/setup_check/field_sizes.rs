@@ -93,9 +93,8 @@ impl Search<'_> {
     fn candidate(&self, field: FieldConfig, start: &Explanation) -> Option<Candidate> {
         let mut tables = FieldTables::new(&Field::new(field.clone()).ok()?, &self.config);
         let explanation = refine(&mut tables, self.keyframes, start);
-        let is_changed = |size: &&FieldSize| {
-            (size.get(self.configured) - size.get(&field)).abs() > 1e-3
-        };
+        let is_changed =
+            |size: &&FieldSize| (size.get(self.configured) - size.get(&field)).abs() > 1e-3;
         let prior = PRIOR_COST * self.sizes.iter().filter(is_changed).count() as f32;
         Some(Candidate {
             cost: explanation.cost() + prior,

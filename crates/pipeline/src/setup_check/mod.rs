@@ -15,6 +15,7 @@ mod field_sizes;
 mod inertial;
 mod inertial_motion;
 mod latency;
+mod map_mount;
 mod measurements;
 mod motion_search;
 mod origin_offset;
@@ -35,6 +36,7 @@ use serde::Serialize;
 pub use assess::Effort;
 pub use collector::KeyframeCollector;
 pub use inertial_motion::InertialMotion;
+pub use map_mount::{MapMount, find_map_mount};
 pub use measurements::MeasuredKeyframe;
 pub use ranges::RangeFinding;
 
@@ -100,6 +102,22 @@ pub struct Suggestion {
     pub gain: Option<f32>,
     /// Number of the change: those of one number are alternatives, higher numbers come on top.
     pub step: usize,
+}
+
+impl Suggestion {
+    /// What the edit explains, in words.
+    pub fn explained_text(&self) -> String {
+        explained_text(self.fit_before, self.fit_after)
+    }
+}
+
+fn explained_text(before: f32, after: f32) -> String {
+    let [before, after] = [before, after].map(|share| (100.0 * share).round());
+    if after > before {
+        format!("explains {after} % instead of {before} %")
+    } else {
+        "explains as much, more exactly".to_owned()
+    }
 }
 
 /// What the check of a set-up found.
@@ -367,11 +385,10 @@ impl SetupReport {
             };
             let perhaps = if best.is_firm() { "" } else { "perhaps " };
             self.warnings.push(format!(
-                "{perhaps}{}: the measurements fit better with `{}` ({:.0} % explained instead of {:.0} %)",
+                "{perhaps}{}: the measurements fit better with `{}` ({})",
                 best.change.cause(),
                 best.change.text(setup, &best.after),
-                100.0 * best.explanation.fit(),
-                100.0 * before.fit(),
+                explained_text(before.fit(), best.explanation.fit()),
             ));
             before = &best.explanation;
         }

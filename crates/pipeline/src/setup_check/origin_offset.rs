@@ -31,6 +31,8 @@ pub(super) struct OriginOffset {
     pub(super) at: Vector2<f32>,
     /// Square of its standard deviations: twice the log likelihood that it gains over none.
     squared_sigmas: f32,
+    /// Standard deviation along the less certain axis, metres.
+    std: f32,
 }
 
 impl OriginOffset {
@@ -39,12 +41,22 @@ impl OriginOffset {
         let (at, covariance) = offset_between(&explanation.steps())?;
         let covariance = covariance + Matrix2::identity() * WHEELS_STD.powi(2);
         let squared_sigmas = (at.transpose() * covariance.try_inverse()? * at).x;
-        Some(OriginOffset { at, squared_sigmas })
+        let std = covariance.diagonal().max().sqrt();
+        Some(OriginOffset {
+            at,
+            squared_sigmas,
+            std,
+        })
     }
 
     /// Offset by the steps of an explanation, if it is one beyond doubt.
     pub(super) fn find(explanation: &Explanation) -> Option<Self> {
         OriginOffset::measure(explanation).filter(OriginOffset::is_certain)
+    }
+
+    /// Standard deviation along the less certain axis, that of right wheels included, metres.
+    pub(super) fn std(&self) -> f32 {
+        self.std
     }
 
     fn is_certain(&self) -> bool {
@@ -67,8 +79,8 @@ impl Trial<'_> {
         variant: &SetupVariant,
         now: &Explanation,
     ) -> Option<Improvement> {
-        let offset = OriginOffset::find(now)
-            .filter(|_| self.has_pixels() && !self.setup.is_calibrated())?;
+        let offset =
+            OriginOffset::find(now).filter(|_| self.has_pixels() && !self.setup.is_calibrated())?;
         let field = Field::new(variant.field.clone()).ok()?;
         let mut tables = FieldTables::new(&field, &self.config);
         let mut explain_at = |shift: Vector2<f32>, start: &Explanation| {

@@ -1,7 +1,7 @@
 //! What if the set-up were another one? One variant of field, camera mount, centre, compass and units.
 
 use localize::field::FieldConfig;
-use localize::frames::At;
+use localize::frames::{At, RobotFrame};
 use localize::math;
 use localize::robot::CameraConfig;
 use localize::sample::LinePoint;
@@ -88,23 +88,26 @@ impl SetupVariant {
             .collect()
     }
 
+    /// The ground point that this mount gives where the configured one gives `at`.
+    pub(super) fn turn(&self, at: At<RobotFrame>) -> At<RobotFrame> {
+        let (sin, cos) = (math::sin(self.camera_turn), math::cos(self.camera_turn));
+        let At { x, y, .. } = at;
+        let (x, y) = match self.quarter_turns % 4 {
+            0 => (x, y),
+            1 => (-y, x),
+            2 => (-x, -y),
+            _ => (y, -x),
+        };
+        let (x, y) = (cos * x - sin * y, sin * x + cos * y);
+        At::new(x, if self.mirrored { -y } else { y })
+    }
+
     fn points(&self, setup: &Setup, measured: &MeasuredKeyframe) -> Vec<LinePoint> {
         let [du, dv] = self.centre_shift;
         let shifted = (du, dv) != (0.0, 0.0);
-        let (sin, cos) = (math::sin(self.camera_turn), math::cos(self.camera_turn));
-        let turn = |point: LinePoint| {
-            let At { x, y, .. } = point.at;
-            let (x, y) = match self.quarter_turns % 4 {
-                0 => (x, y),
-                1 => (-y, x),
-                2 => (-x, -y),
-                _ => (y, -x),
-            };
-            let (x, y) = (cos * x - sin * y, sin * x + cos * y);
-            LinePoint {
-                at: At::new(x, if self.mirrored { -y } else { y }),
-                ..point
-            }
+        let turn = |point: LinePoint| LinePoint {
+            at: self.turn(point.at),
+            ..point
         };
         let retraced = (self.height.is_some() || self.focal_px.is_some()).then_some(());
         let pixels = measured.pixels.iter().zip(&measured.points);

@@ -1,4 +1,4 @@
-//! `mirrorball calibrate`: rim, ground map from a strip or a drive, colours, mask of the robot's body, sizes, wheels, inertial
+//! `mirrorball calibrate`: rim, ground map from a strip or a drive, its mount, colours, mask of the robot's body, sizes, wheels, inertial
 //! unit, latency and compass.
 
 mod colours;
@@ -10,6 +10,7 @@ mod latency;
 mod lines;
 mod map;
 mod mask;
+mod mount;
 mod rim;
 mod sizes;
 mod wheels;
@@ -21,7 +22,7 @@ pub(crate) use lines::{LinesArgs, calibrate_map_from_lines};
 pub(crate) use map::Outcome;
 pub(crate) use map::{MapArgs, calibrate_map};
 
-/// Calibrate the camera (rim, ground map, colours, mask, sizes, latency), the wheels, the inertial unit and the compass.
+/// Calibrate the camera (rim, ground map and its mount, colours, mask, sizes, latency), the wheels, the inertial unit and the compass.
 #[derive(clap::Args)]
 #[command(subcommand_required = true, arg_required_else_help = true)]
 pub(crate) struct Args {
@@ -33,6 +34,7 @@ pub(crate) struct Args {
 enum CalibrateCommand {
     Map(MapArgs),
     Lines(LinesArgs),
+    Mount(mount::MountArgs),
     Rim(rim::RimArgs),
     Colours(colours::ColoursArgs),
     Mask(mask::MaskArgs),
@@ -48,6 +50,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let (outcome, residuals) = match &args.command {
         CalibrateCommand::Map(args) => calibrate_map(args)?,
         CalibrateCommand::Lines(args) => calibrate_map_from_lines(args)?,
+        CalibrateCommand::Mount(args) => return mount::run(args, json),
         CalibrateCommand::Rim(args) => return rim::run(args, json),
         CalibrateCommand::Colours(args) => return colours::run(args, json),
         CalibrateCommand::Mask(args) => return mask::run(args, json),
@@ -98,7 +101,8 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         );
         println!(
             "forward_deg and flipped are guesses, as lines look alike mirrored and turned by half a turn: a drive with wheels \
-             or a compass tells. The map's origin is good to some centimetres: give [map] origin_std = 0.04 until it is measured"
+             tells. The map's origin is good to some centimetres: give [map] origin_std = 0.04. `mirrorball calibrate mount` \
+             measures all three from a drive"
         );
     }
     if let Some(mount) = outcome.mount {

@@ -56,8 +56,6 @@ fn print(report: &SetupReport) {
             change,
             cause,
             firm,
-            fit_before,
-            fit_after,
             step,
             ..
         } = suggestion;
@@ -68,11 +66,7 @@ fn print(report: &SetupReport) {
         };
         last_step = *step;
         println!("{joint}{cause}");
-        println!(
-            "       -> {change}: explains {:.0} % instead of {:.0} %",
-            100.0 * fit_after,
-            100.0 * fit_before
-        );
+        println!("       -> {change}: {}", suggestion.explained_text());
     }
     for doubt in &report.doubts {
         println!("BAD {doubt}");

@@ -1,0 +1,195 @@
+//! How is a ground map mounted on the robot? Its side, forward direction and origin, by the steps of the wheels.
+//!
+//! The lines of a field look alike turned by half a turn and mirrored, and do not tell the robot's origin from another point
+//! (docs/methods.md 16.4).
+
+use std::f32::consts::FRAC_PI_4;
+
+use anyhow::{Result, bail, ensure};
+use localize::At;
+use localize::frames::wrap_angle;
+use localize::math;
+use localize::setup_check::{Explanation, compare};
+use rayon::prelude::*;
+use vision::GroundMap;
+
+use super::assess::Trial;
+use super::change::Change;
+use super::measurements::{MeasuredKeyframe, measure};
+use super::origin_offset::OriginOffset;
+use super::variant::SetupVariant;
+use super::wheel_fit::angle_between;
+use super::{KEYFRAMES_MIN, assess};
+use crate::config::PipelineConfig;
+use crate::recording::Recording;
+use crate::setup::Setup;
+
+/// Passes of the fit of an angle: steps of a turned camera join with an error.
+const TURN_PASSES: usize = 3;
+/// Mounts that differ by less are one, radians.
+const SAME_TURN: f32 = 0.2;
+/// Standard deviation of the direction that right wheels measure, radians: their radii differ by some per cent.
+const WHEELS_TURN_STD: f32 = 0.01;
+/// Logarithm of the likelihood ratio to the next best mount.
+const GAIN_MIN: f32 = 15.0;
+/// Agreement of the wheels with the best mount.
+const AGREEMENT_MIN: f32 = 0.8;
+/// An origin that is less certain is not moved, metres.
+const ORIGIN_STD_MAX: f32 = 0.03;
+
+/// How a map's ground points become those of the robot frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapMount {
+    /// Left and right are exchanged.
+    pub mirrored: bool,
+    /// Turn counter-clockwise, radians: before left and right are exchanged.
+    pub turn: f32,
+    /// Its standard deviation, radians.
+    pub turn_std: f32,
+    /// The map's origin in the robot frame, metres. None if the drive turns too little to tell.
+    pub origin: Option<[f32; 2]>,
+    /// Its standard deviation per axis, metres.
+    pub origin_std: f32,
+    /// How far the wheels agree with the poses, with the map as it was and as it is mounted: at most 1.
+    pub wheels_agree: [f32; 2],
+    /// Keyframes that were compared.
+    pub keyframes: usize,
+    variant: SetupVariant,
+}
+
+impl MapMount {
+    /// The map in the robot frame.
+    pub fn apply(&self, map: &GroundMap) -> GroundMap {
+        let [dx, dy] = self.origin.unwrap_or_default();
+        let ground = map.x.iter().zip(&map.y).map(|(&x, &y)| {
+            let turned = self.variant.turn(At::new(x, y));
+            (turned.x + dx, turned.y + dy)
+        });
+        let (x, y) = ground.unzip();
+        GroundMap {
+            width_px: map.width_px,
+            height_px: map.height_px,
+            x,
+            y,
+        }
+    }
+}
+
+/// Finds the mount of a robot's calibrated map by a drive with wheels; a compass is not asked.
+///
+/// Errors if the drive has too few images with line points, or its wheels fit no mount, or two alike.
+pub fn find_map_mount(
+    recording: &Recording,
+    setup: &Setup,
+    config: &PipelineConfig,
+) -> Result<MapMount> {
+    ensure!(
+        setup.traced_mirror.is_none(),
+        "the robot has no calibrated map, but a mirror profile: `mirrorball doctor --recording` names forward_deg, flipped and centre_px"
+    );
+    let mut measured = measure(recording, setup, config)?;
+    measured.retain(|keyframe| keyframe.points.len() >= config.localize.mode.points_min);
+    ensure!(
+        measured.len() >= KEYFRAMES_MIN,
+        "only {} images with line points, some way apart (expected at least {KEYFRAMES_MIN})",
+        measured.len()
+    );
+    for keyframe in &mut measured {
+        keyframe.compass = None;
+    }
+    let trial = assess::Trial::new(setup, &config.localize, &measured);
+    best_mount(&trial, &measured)
+}
+
+fn best_mount(trial: &Trial<'_>, measured: &[MeasuredKeyframe]) -> Result<MapMount> {
+    let configured = SetupVariant::configured(trial.setup);
+    let mounts = [false, true].into_iter().flat_map(|mirrored| {
+        (0..8).map(move |eighths: u8| (mirrored, FRAC_PI_4 * f32::from(eighths)))
+    });
+    let mounted = |(mirrored, turn): (bool, f32)| SetupVariant {
+        mirrored,
+        camera_turn: wrap_angle(turn),
+        ..configured.clone()
+    };
+    let tried: Vec<(SetupVariant, Explanation)> = mounts
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .filter_map(|mount| {
+            let variant = mounted(mount);
+            let explanation = trial.explain(&variant, measured)?;
+            Some((variant, explanation))
+        })
+        .collect();
+    let before = tried.first().and_then(|(_, first)| first.wheels_agree());
+    let Some(before) = before else {
+        bail!("no wheel motion between the images (odometry.csv)");
+    };
+    let by_cost = |a: &(SetupVariant, Explanation), b: &(SetupVariant, Explanation)| {
+        a.1.cost().total_cmp(&b.1.cost())
+    };
+    let refined = tried.into_par_iter().map(|start| refine_turn(trial, start));
+    let mut refined: Vec<(SetupVariant, Explanation)> = refined.collect();
+    refined.sort_by(by_cost);
+    let Some((variant, explanation)) = refined.first() else {
+        bail!("the field of robot.toml is impossible");
+    };
+    let after = explanation.wheels_agree().unwrap_or(0.0);
+    ensure!(
+        after >= AGREEMENT_MIN,
+        "the wheels agree with the line points by {:.0} % only, however the map is mounted: is the map right, and odometry.csv?",
+        100.0 * after
+    );
+    let is_other = |other: &&(SetupVariant, Explanation)| {
+        other.0.mirrored != variant.mirrored
+            || wrap_angle(other.0.camera_turn - variant.camera_turn).abs() > SAME_TURN
+    };
+    if let Some((other, near)) = refined.iter().find(is_other) {
+        ensure!(
+            compare(near, explanation).gain > GAIN_MIN,
+            "the drive does not tell a map turned by {:.0} degrees from one turned by {:.0}{}: drive farther, forward and sideways, with turns",
+            variant.camera_turn.to_degrees(),
+            other.camera_turn.to_degrees(),
+            if other.mirrored == variant.mirrored {
+                ""
+            } else {
+                " and mirrored"
+            }
+        );
+    }
+    let Some((_, turn_std)) = angle_between(&explanation.steps()) else {
+        bail!("too few steps of the wheels to tell a direction: drive farther");
+    };
+    let offset = OriginOffset::measure(explanation);
+    let origin_std = offset.map_or(f32::INFINITY, |offset| offset.std());
+    Ok(MapMount {
+        mirrored: variant.mirrored,
+        turn: variant.camera_turn,
+        turn_std: math::hypot(turn_std, WHEELS_TURN_STD),
+        origin: offset
+            .filter(|_| origin_std <= ORIGIN_STD_MAX)
+            .map(|offset| offset.at.into()),
+        origin_std,
+        wheels_agree: [before, after],
+        keyframes: explanation.keyframes.len(),
+        variant: variant.clone(),
+    })
+}
+
+/// Turns a mount by the angle between wheels and poses, until it fits.
+fn refine_turn(
+    trial: &Trial<'_>,
+    (mut variant, mut explanation): (SetupVariant, Explanation),
+) -> (SetupVariant, Explanation) {
+    for _ in 0..TURN_PASSES {
+        let Some((angle, _)) = angle_between(&explanation.steps()) else {
+            break;
+        };
+        let mut next = Change::CameraTurn(-angle).apply(&variant);
+        next.camera_turn = wrap_angle(next.camera_turn);
+        let Some(found) = trial.explain(&next, trial.measured) else {
+            break;
+        };
+        (variant, explanation) = (next, found);
+    }
+    (variant, explanation)
+}
