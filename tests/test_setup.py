@@ -396,7 +396,7 @@ def test_mount_of_a_map_needs_a_calibrated_map_and_wheels(gym_drive: Path, tmp_p
     no_wheels = [str(folder), "--map", str(tmp_path / "guessed.npz")]
     for arguments, reason in [(profile, "mirror profile"), (no_wheels, "odometry.csv")]:
         out = tmp_path / "mounted.npz"
-        command = [PROGRAM, "calibrate", "mount", *arguments, "--out", out]
+        command = [str(PROGRAM), "calibrate", "mount", *arguments, "--out", str(out)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=300)
         assert done.returncode == 1 and reason in done.stderr, done.stderr
         assert not out.exists()
