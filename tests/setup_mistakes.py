@@ -119,6 +119,23 @@ def path_in_centimetres(folder: Path) -> None:
         scale_column(folder / "odometry.csv", column, 100.0)
 
 
+def exchange_axes(folder: Path) -> None:
+    """Forward and left of the wheels exchanged."""
+    table = folder / "odometry.csv"
+    header, *rows = table.read_text().splitlines()
+    header = header.replace("dx_m", "?").replace("dy_m", "dx_m").replace("?", "dy_m")
+    table.write_text("\n".join([header, *rows]) + "\n")
+
+
+def right_is_positive(folder: Path) -> None:
+    """The wheels count to the right, but turn counter-clockwise."""
+    scale_column(folder / "odometry.csv", "dy_m", -1.0)
+
+
+def turns_clockwise(folder: Path) -> None:
+    scale_column(folder / "odometry.csv", "dtheta_rad", -1.0)
+
+
 def compass_counts_clockwise(folder: Path) -> None:
     scale_column(folder / "compass.csv", "heading_rad", -1.0)
 
@@ -138,6 +155,9 @@ MISTAKES: dict[str, Callable[[Path], None]] = {
     "forward_slightly_off": turn_forward_slightly,
     "forward_off": turn_forward_by_half_a_quarter,
     "path_centimetres": path_in_centimetres,
+    "axes_exchanged": exchange_axes,
+    "right_positive": right_is_positive,
+    "turns_clockwise": turns_clockwise,
     "compass_clockwise": compass_counts_clockwise,
 }
 

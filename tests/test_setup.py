@@ -38,6 +38,9 @@ EDITS = {
     "forward_slightly_off": "robot.toml: forward_deg = ",
     "forward_off": "robot.toml: forward_deg = ",
     "path_centimetres": "odometry.csv: convert dx_m and dy_m from centimetres",
+    "axes_exchanged": "odometry.csv: exchange dx_m and dy_m",
+    "right_positive": "odometry.csv: change the sign of dy_m",
+    "turns_clockwise": "odometry.csv: change the sign of dtheta_rad",
     "compass_clockwise": "compass.csv: change the sign of heading_rad",
 }
 
@@ -360,6 +363,15 @@ def test_wheels_that_turn_about_another_point_are_not_taken_for_a_wrong_centre(g
     result, _ = run("doctor", "--recording", folder)
     assert not any("centre_px" in found["change"] for found in result["suggestions"]), result["suggestions"]
     assert any("turn about" in warning or "odometry" in warning for warning in result["warnings"]), result["warnings"]
+
+
+def test_path_in_millimetres_is_named(gym_drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    for column in ("dx_m", "dy_m"):
+        scale_column(folder / "odometry.csv", column, 1000.0)
+    result, _ = run("doctor", "--recording", folder)
+    edit = "odometry.csv: convert dx_m and dy_m from millimetres"
+    assert edit in result["suggestions"][0]["change"], result["suggestions"]
 
 
 def write_map(path: Path, x: NDArray[np.float32], y: NDArray[np.float32]) -> None:

@@ -339,7 +339,7 @@ fn parse_odometry(row: CsvRow<'_>) -> Result<Odometry> {
     for (value, column) in [dx, dy, dtheta].into_iter().zip(columns) {
         if value.abs() > MAX_ODOMETRY_STEP {
             bail!(
-                "{}: {column} = {value}: no robot moves so far between two rows",
+                "{}: {column} = {value}: no robot moves so far between two rows (expected metres)",
                 row.location()
             );
         }

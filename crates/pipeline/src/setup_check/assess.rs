@@ -200,6 +200,9 @@ impl Trial<'_> {
         if wheels < SCALES_TRIED_BELOW {
             changes.extend(ODOMETRY_SCALES.map(Change::OdometryScale));
         }
+        if wheels < SENSORS_FINE {
+            changes.extend(odometry_axes());
+        }
         // Cheap, since the poses are known: a shifted centre takes points off the markings, too.
         let mut found: Vec<(Change, Improvement)> =
             self.search_centre(variant, now).into_iter().collect();
@@ -234,11 +237,12 @@ impl Trial<'_> {
                 let comparison = &improvement.comparison;
                 // A turn of a few degrees gains little: its own uncertainty has decided.
                 let is_turn = matches!(improvement.change, Change::CameraTurn(_));
-                // A longer path has larger expected errors: another unit must agree, not only cost less.
-                let is_scale = matches!(improvement.change, Change::OdometryScale(_));
                 let agree = improvement.explanation.wheels_agree().unwrap_or(0.0);
-                (comparison.is_better() && !(is_scale && agree < SCALES_TRIED_BELOW))
-                    || (is_turn && comparison.gain > 0.0)
+                if matches!(improvement.change, Change::OdometryScale(_)) {
+                    // A longer path has larger expected errors: costs of two units say nothing.
+                    return agree >= FIRM_MIN;
+                }
+                comparison.is_better() || (is_turn && comparison.gain > 0.0)
             })
             .collect();
         // Line points hardly tell: the wheels have decided.
@@ -254,13 +258,23 @@ impl Trial<'_> {
         if other_fields && !explained {
             better.extend(self.search_all_sizes(variant, now));
         }
+        // A wrong unit or axis is likelier than wheels that are wrong in every way.
+        let is_axis = |found: &Improvement| {
+            matches!(
+                found.change,
+                Change::OdometryScale(_) | Change::OdometryAxes { .. }
+            )
+        };
+        if better.iter().any(|found| is_axis(found) && found.is_firm()) {
+            better.retain(|found| !matches!(found.change, Change::WheelMatrix(_)));
+        }
         better.sort_by(|a, b| b.comparison.gain.total_cmp(&a.comparison.gain));
         if let Some(best) = better.first().cloned() {
             better.retain(|other| !compare(&other.explanation, &best.explanation).is_better());
             // Of equally good ones the camera's mount, then a unit, is the likelier mistake.
             better.sort_by_key(|other| match other.change {
                 Change::Mount { .. } => 0,
-                Change::OdometryScale(_) => 1,
+                Change::OdometryScale(_) | Change::OdometryAxes { .. } => 1,
                 _ => 2,
             });
         }
@@ -374,6 +388,25 @@ fn mounts() -> impl Iterator<Item = Change> {
                 mirrored: false,
             }
     })
+}
+
+/// Axes of the odometry exchanged, or of other signs.
+fn odometry_axes() -> impl Iterator<Item = Change> {
+    let signs = [1.0_f32, -1.0];
+    let all = [false, true].into_iter().flat_map(move |exchanged| {
+        let of_x = signs.into_iter();
+        of_x.flat_map(move |x| {
+            let of_y = signs.into_iter();
+            of_y.flat_map(move |y| {
+                signs.map(|turn| Change::OdometryAxes {
+                    exchanged,
+                    signs: [x, y, turn],
+                })
+            })
+        })
+    });
+    // The first one is the configured one.
+    all.skip(1)
 }
 
 /// The fields of config/fields that differ from the variant's.

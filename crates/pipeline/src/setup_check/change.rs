@@ -40,6 +40,13 @@ pub(super) enum Change {
     CameraTurn(f32),
     /// The wheels' path in another unit.
     OdometryScale(f32),
+    /// Forward and left of the wheels' motion exchanged, then signs changed.
+    OdometryAxes {
+        /// Exchanged.
+        exchanged: bool,
+        /// Signs of dx, dy and dtheta: 1 or -1.
+        signs: [f32; 3],
+    },
     /// The wheels' motion (metres, metres, radians) multiplied by a matrix.
     WheelMatrix(Matrix3<f32>),
     /// Headings in degrees.
@@ -83,6 +90,13 @@ impl Change {
                 changed.camera_turn += if variant.mirrored { -angle } else { *angle };
             }
             Change::OdometryScale(scale) => changed.path_unit_scale *= scale,
+            Change::OdometryAxes { exchanged, signs } => {
+                let mut axes = Matrix3::from_diagonal(&(*signs).into());
+                if *exchanged {
+                    axes.swap_columns(0, 1);
+                }
+                changed.wheel_matrix = axes * changed.wheel_matrix;
+            }
             Change::WheelMatrix(matrix) => changed.wheel_matrix = matrix * changed.wheel_matrix,
             Change::CompassInDegrees => changed.compass_unit_scale = 1.0_f32.to_radians(),
             Change::OdometryRotationInDegrees => changed.rotation_unit_scale = 1.0_f32.to_radians(),
@@ -136,6 +150,23 @@ impl Change {
             Change::OdometryScale(scale) => {
                 format!("odometry.csv: multiply dx_m and dy_m by {scale}")
             }
+            Change::OdometryAxes { exchanged, signs } => {
+                let columns = ["dx_m", "dy_m", "dtheta_rad"].iter().zip(signs);
+                let negated: Vec<&str> = columns
+                    .filter(|(_, sign)| **sign < 0.0)
+                    .map(|(column, _)| *column)
+                    .collect();
+                let edits = [
+                    exchanged.then(|| "exchange dx_m and dy_m".to_owned()),
+                    (!negated.is_empty())
+                        .then(|| format!("change the sign of {}", negated.join(" and "))),
+                ];
+                let edits: Vec<String> = edits.into_iter().flatten().collect();
+                format!(
+                    "odometry.csv: {} (x is forward, y left, turns are counter-clockwise)",
+                    edits.join(", then ")
+                )
+            }
             Change::WheelMatrix(_) => {
                 let matrix = after.wheels(setup);
                 let rows = [0, 1, 2].map(|row| {
@@ -185,6 +216,7 @@ impl Change {
             | Change::CompassMirrored(_)
             | Change::CompassInDegrees => explanation.compass_agrees(),
             Change::OdometryScale(_)
+            | Change::OdometryAxes { .. }
             | Change::WheelMatrix(_)
             | Change::OdometryRotationInDegrees
             | Change::CameraTurn(_) => explanation.wheels_agree(),
@@ -214,6 +246,7 @@ impl Change {
             Change::CompassMirrored(_) => "the compass counts clockwise",
             Change::CameraTurn(_) => "the camera's forward direction is wrong",
             Change::OdometryScale(_) => "the odometry's path is in another unit",
+            Change::OdometryAxes { .. } => "the odometry's axes or signs are wrong",
             Change::WheelMatrix(_) => "the wheels' radii or directions are wrong",
             Change::CompassInDegrees => "the compass's headings are in degrees",
             Change::OdometryRotationInDegrees => "the odometry's turns are in degrees",

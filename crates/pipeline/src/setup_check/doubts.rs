@@ -45,7 +45,9 @@ impl SetupReport {
             let is_named = assessment.improvements.iter().flatten().any(|found| {
                 matches!(
                     found.change,
-                    Change::OdometryScale(_) | Change::OdometryRotationInDegrees
+                    Change::OdometryScale(_)
+                        | Change::OdometryAxes { .. }
+                        | Change::OdometryRotationInDegrees
                 )
             });
             if let Some(path) = still_path.filter(|_| !is_named) {

@@ -199,7 +199,9 @@ pub fn check(
         )
     };
     let mut changes = assessment.improvements.iter().flatten();
-    let useless_compass = (!changes.any(|found| is_known(&found.change)))
+    // Images of another clock have the readings of other times.
+    let is_clock_wrong = ranges.iter().any(|found| found.table == Table::Images);
+    let useless_compass = (!is_clock_wrong && !changes.any(|found| is_known(&found.change)))
         .then(|| dead_sensors::find_useless_compass(measured, assessment.explained()))
         .flatten();
     if useless_compass.is_some() {
@@ -270,7 +272,9 @@ pub fn check(
     let turns = named(|change| {
         matches!(
             change,
-            Change::OdometryRotationInDegrees | Change::OdometryScale(_)
+            Change::OdometryRotationInDegrees
+                | Change::OdometryScale(_)
+                | Change::OdometryAxes { .. }
         )
     });
     if compass {
@@ -319,6 +323,7 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
                 Change::CompassInDegrees
                     | Change::OdometryRotationInDegrees
                     | Change::OdometryScale(_)
+                    | Change::OdometryAxes { .. }
                     | Change::WheelMatrix(_)
             )
         })
