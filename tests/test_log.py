@@ -1,5 +1,6 @@
 """Logs of `mirrorball sim --record`, read by other tools: Python's mcap and Rerun."""
 
+import csv
 import importlib.util
 import os
 import runpy
@@ -9,6 +10,7 @@ import struct
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +101,17 @@ def test_log_verifies_and_exports_to_recording(log: Path, tmp_path: Path) -> Non
     assert len(frames) == 1 + len(messages(log, "/cycle"))
     run("locate", tmp_path / "recording", "--out", tmp_path / "poses.csv")
     assert len((tmp_path / "poses.csv").read_text().splitlines()) == len(frames)
+
+
+def test_exported_objects_include_people_and_the_headings_of_robots(tmp_path: Path) -> None:
+    people = ROOT / "config" / "scenarios" / "hall_crowded.toml"
+    run("sim", people, "--duration", 0.5, "--images", "none", "--record", tmp_path / "hall.mcap")
+    run("replay", tmp_path / "hall.mcap", "--export", tmp_path / "recording")
+    with (tmp_path / "recording/objects.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    kinds = Counter(row["kind"] for row in rows)
+    assert kinds["person"] > kinds["ball"] > 0 and kinds["robot"] > kinds["ball"]
+    assert all(bool(row["heading_rad"]) == (row["kind"] == "robot") for row in rows)
 
 
 def test_log_of_killed_run_is_recovered_and_verifies(log: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ use vision::image::{CommonOrientation, Image};
 
 use crate::csv_table::{CsvRow, CsvTable};
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
-use crate::score::detections::GroundTruthObject;
+use crate::score::detections::{GroundTruthKind, GroundTruthObject};
 
 /// A recording folder as an iterator of samples. Tables are read when it is opened, images one by one.
 ///
@@ -35,7 +35,7 @@ pub struct Recording {
     pub folder: PathBuf,
     /// True poses, for scoring. Empty without truth.csv.
     pub truth: Vec<GroundTruth>,
-    /// True positions of ball and robots, for scoring. Empty without objects.csv.
+    /// True positions of ball, robots and people, for scoring. Empty without objects.csv.
     pub objects: BTreeMap<Stamp, Vec<GroundTruthObject>>,
     events: std::vec::IntoIter<RecordedSample>,
     frames: usize,
@@ -144,12 +144,14 @@ impl Recording {
         let objects = read_objects(folder)?;
         for row in &mut truth {
             let objects = objects.get(&row.stamp).map_or(&[][..], Vec::as_slice);
-            row.ball = objects
-                .iter()
-                .find(|object| object.is_ball)
-                .map(|ball| ball.at);
-            let robots = objects.iter().filter(|object| !object.is_ball);
-            row.robots = robots.map(|robot| robot.at).collect();
+            let of = |kind| objects.iter().filter(move |object| object.kind == kind);
+            row.ball = of(GroundTruthKind::Ball).next().map(|ball| ball.at);
+            row.robots = of(GroundTruthKind::Robot).map(|robot| robot.at).collect();
+            let headings = of(GroundTruthKind::Robot).map(|robot| robot.heading);
+            row.robot_headings = headings.collect::<Option<_>>().unwrap_or_default();
+            row.people = of(GroundTruthKind::Person)
+                .map(|person| person.at)
+                .collect();
         }
         events.extend(truth.iter().map(|truth| RecordedSample {
             stamp: truth.stamp,
@@ -339,8 +341,13 @@ fn parse_odometry(row: CsvRow<'_>) -> Result<Odometry> {
     for (value, column) in [dx, dy, dtheta].into_iter().zip(columns) {
         if value.abs() > MAX_ODOMETRY_STEP {
             bail!(
-                "{}: {column} = {value}: no robot moves so far between two rows (expected metres)",
-                row.location()
+                "{}: {column} = {value}: no robot moves so far between two rows (expected {})",
+                row.location(),
+                if column == "dtheta_rad" {
+                    "radians"
+                } else {
+                    "metres"
+                }
             );
         }
     }
@@ -405,7 +412,7 @@ fn read_truth(folder: &Path) -> Result<Vec<GroundTruth>> {
     Ok(truth)
 }
 
-/// True positions of ball and robots from objects.csv, for scoring.
+/// True positions of ball, robots and people from objects.csv, for scoring.
 fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<GroundTruthObject>>> {
     let mut objects: BTreeMap<Stamp, Vec<GroundTruthObject>> = BTreeMap::new();
     let Some(table) =
@@ -415,23 +422,24 @@ fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<GroundTruthObject>>
     };
     for row in table.rows() {
         let [x, y] = parse_floats(row, ["x_m", "y_m"])?;
-        let is_ball = match row.text("kind")? {
-            "ball" => true,
-            "robot" => false,
+        let kind = match row.text("kind")? {
+            "ball" => GroundTruthKind::Ball,
+            "robot" => GroundTruthKind::Robot,
+            "person" => GroundTruthKind::Person,
             // Other kinds are not scored.
             _ => continue,
         };
-        let visible_px = row
-            .optional_number("visible_px")?
-            .map(|number| number as f32);
+        let optional = |column| -> Result<Option<f32>> {
+            Ok(row.optional_number(column)?.map(|number| number as f32))
+        };
         objects
             .entry(parse_stamp(row)?)
             .or_default()
             .push(GroundTruthObject {
-                is_ball,
+                kind,
                 at: At::new(x, y),
-                heading: None,
-                visible_px,
+                heading: optional("heading_rad")?,
+                visible_px: optional("visible_px")?,
             });
     }
     Ok(objects)

@@ -431,7 +431,6 @@ impl RecordingRun {
                     map,
                     occluded_sectors: &[],
                     objects: objects.get(&cycle.stamp).map(Vec::as_slice),
-                    people: &[],
                 };
                 detections.add_image(found, &scene);
             }

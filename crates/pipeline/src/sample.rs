@@ -29,9 +29,9 @@ pub struct GroundTruth {
     pub ball_height: f32,
     /// Other robots, if the source knows them.
     pub robots: Vec<At<FieldFrame>>,
-    /// Headings of `robots` on the field, radians, in the same order. Empty if unknown, as in a log.
+    /// Headings of `robots` on the field, radians, in the same order. Empty if unknown.
     pub robot_headings: Vec<f32>,
-    /// People, if the source knows them. Empty in a log.
+    /// People, if the source knows them.
     pub people: Vec<At<FieldFrame>>,
 }
 

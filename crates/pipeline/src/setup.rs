@@ -225,6 +225,9 @@ fn load_colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourT
 }
 
 /// The ground map: `map` if given, else the robot's calibrated map, else a map traced from the mirror profile.
+/// A robot sees ground nearer than this, metres.
+const NEAREST_GROUND_MAX: f32 = 5.0;
+
 fn load_ground_map(
     robot_file: &Path,
     robot: &RobotConfig,
@@ -253,5 +256,11 @@ fn load_ground_map(
     };
     let visible = map.x.iter().filter(|x| x.is_finite()).count();
     ensure!(visible > 0, "{}: no pixel shows ground", source.display());
+    let nearest = map.nearest_ground();
+    ensure!(
+        nearest < NEAREST_GROUND_MAX,
+        "{}: the nearest ground is {nearest:.1} m away (expected less than {NEAREST_GROUND_MAX} m): lengths in another unit than metres?",
+        source.display()
+    );
     Ok(map)
 }

@@ -43,6 +43,15 @@ pub enum VisionError {
         /// Where scan lines begin, metres.
         range_min: f32,
     },
+    /// The map shows ground, but no scan line can follow it outward.
+    #[error(
+        "no scan line fits the ground map: its ground does not lie farther outward with the pixels, from {nearest:.3} m on. A wavy mirror \
+         profile, or a wrong centre_px"
+    )]
+    NoScanLines {
+        /// Nearest ground that the map shows, metres.
+        nearest: f32,
+    },
     /// An image holds fewer bytes than its size and format need.
     #[error("truncated image: {actual_bytes} bytes (expected {expected_bytes})")]
     Truncated {

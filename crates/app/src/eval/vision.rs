@@ -20,7 +20,8 @@ use pipeline::config::apply_overlay;
 use pipeline::recording::Recording;
 use pipeline::score;
 use pipeline::score::detections::{
-    DetectionStatistics, GroundTruthObject, GroundTruthScene, ScoredItem, ScoredKind,
+    DetectionStatistics, GroundTruthKind, GroundTruthObject, GroundTruthScene, ScoredItem,
+    ScoredKind,
 };
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
@@ -161,7 +162,6 @@ fn run_recording(folder: &Path, preset: &str) -> Result<VisionRun> {
             let scene = SceneTruth {
                 pose,
                 objects: objects.get(&cycle.stamp).map(Vec::as_slice),
-                people: &[],
                 occluded_sectors: &[],
             };
             run.add_cycle(&cycle, &setup, &scene);
@@ -182,16 +182,20 @@ fn run_scenario(variant: &ScenarioVariant, seed: u64, preset: &str) -> Result<Vi
         let Some(truth) = &cycle.inputs.truth else {
             return Ok(interrupt::flow());
         };
-        let object = |is_ball, at, heading| GroundTruthObject {
-            is_ball,
+        let object = |kind, at, heading| GroundTruthObject {
+            kind,
             at,
             heading,
             visible_px: None,
         };
-        let ball = truth.ball.map(|at| object(true, at, None));
+        let ball = truth.ball.map(|at| object(GroundTruthKind::Ball, at, None));
         let robots = truth.robots.iter().zip(&truth.robot_headings);
-        let robots = robots.map(|(&at, &heading)| object(false, at, Some(heading)));
-        let objects: Vec<GroundTruthObject> = ball.into_iter().chain(robots).collect();
+        let robots =
+            robots.map(|(&at, &heading)| object(GroundTruthKind::Robot, at, Some(heading)));
+        let people = truth.people.iter();
+        let people = people.map(|&at| object(GroundTruthKind::Person, at, None));
+        let objects: Vec<GroundTruthObject> =
+            ball.into_iter().chain(robots).chain(people).collect();
         let now = cycle.stamp.seconds();
         let active = occlusions
             .iter()
@@ -200,7 +204,6 @@ fn run_scenario(variant: &ScenarioVariant, seed: u64, preset: &str) -> Result<Vi
         let scene = SceneTruth {
             pose: truth.pose,
             objects: Some(&objects),
-            people: &truth.people,
             occluded_sectors: &sectors,
         };
         run.add_cycle(&cycle, &setup, &scene);
@@ -214,7 +217,6 @@ struct SceneTruth<'a> {
     pose: localize::Pose,
     /// None if the objects are unknown.
     objects: Option<&'a [GroundTruthObject]>,
-    people: &'a [localize::At<localize::FieldFrame>],
     /// Covered sectors of the view.
     occluded_sectors: &'a [Sector],
 }
@@ -252,7 +254,6 @@ impl VisionRun {
             map,
             occluded_sectors: truth.occluded_sectors,
             objects: truth.objects,
-            people: truth.people,
         };
         let mut count = |item: ScoredItem| {
             let bin = (item.range / RANGE_BIN) as usize;

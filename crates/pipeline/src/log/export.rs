@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
+use std::iter::repeat;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -77,7 +78,7 @@ impl RecordingTables {
             compass: table("compass.csv", "stamp_s,heading_rad")?,
             magnetometer: table("magnetometer.csv", "stamp_s,x,y")?,
             truth: table("truth.csv", "stamp_s,x_m,y_m,theta_rad")?,
-            objects: table("objects.csv", "stamp_s,kind,x_m,y_m")?,
+            objects: table("objects.csv", "stamp_s,kind,x_m,y_m,heading_rad")?,
             point_frames: 0,
         })
     }
@@ -115,10 +116,15 @@ impl RecordingTables {
             let (stamp, pose) = (format_seconds(truth.stamp), truth.pose);
             self.truth
                 .write_row(&format!("{stamp},{},{},{}", pose.x, pose.y, pose.theta))?;
-            let robots = truth.robots.iter().map(|at| ("robot", at));
-            for (kind, at) in truth.ball.iter().map(|at| ("ball", at)).chain(robots) {
+            let ball = truth.ball.iter().map(|at| ("ball", at, None));
+            let headings = truth.robot_headings.iter().copied().map(Some);
+            let robots = truth.robots.iter().zip(headings.chain(repeat(None)));
+            let robots = robots.map(|(at, heading)| ("robot", at, heading));
+            let people = truth.people.iter().map(|at| ("person", at, None));
+            for (kind, at, heading) in ball.chain(robots).chain(people) {
+                let heading = heading.map_or_else(String::new, |heading| heading.to_string());
                 self.objects
-                    .write_row(&format!("{stamp},{kind},{},{}", at.x, at.y))?;
+                    .write_row(&format!("{stamp},{kind},{},{},{heading}", at.x, at.y))?;
             }
         }
         let stamp = format_seconds(cycle.stamp);

@@ -16,11 +16,22 @@ use vision::{Detections, GroundMap, overlay};
 
 use crate::score::visibility::{self, Body, BodyOutline};
 
+/// What a true object is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GroundTruthKind {
+    /// The ball.
+    Ball,
+    /// Another robot.
+    Robot,
+    /// A person. A robot that is detected there is an obstacle in its place: neither found nor false.
+    Person,
+}
+
 /// An object whose true position is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundTruthObject {
-    /// True for the ball, false for a robot.
-    pub is_ball: bool,
+    /// What it is.
+    pub kind: GroundTruthKind,
     /// Position on the field.
     pub at: At<FieldFrame>,
     /// Heading on the field, radians. With a heading the body is a square, as in the simulator; without, a circle.
@@ -43,10 +54,8 @@ pub struct GroundTruthScene<'a> {
     pub map: &'a GroundMap,
     /// Covered sectors of the view.
     pub occluded_sectors: &'a [Sector],
-    /// Ball and robots. None if they are unknown.
+    /// Ball, robots and people. None if they are unknown.
     pub objects: Option<&'a [GroundTruthObject]>,
-    /// People. A robot that is detected in their place is an obstacle in its place: neither found nor false.
-    pub people: &'a [At<FieldFrame>],
 }
 
 /// Detection results as `--json` prints them.
@@ -243,7 +252,7 @@ impl DetectionStatistics {
         scene: &GroundTruthScene<'_>,
         note: &mut impl FnMut(ScoredItem),
     ) {
-        let truth = scene.known_objects().iter().find(|object| object.is_ball);
+        let truth = scene.known_objects(GroundTruthKind::Ball).next();
         let at = truth.map(|ball| scene.pose.inverse() * ball.at);
         let hit = match (&detections.ball, at) {
             (Some(found), Some(at)) => {
@@ -316,7 +325,8 @@ impl DetectionStatistics {
                 self.edges_correct += usize::from(near && correct);
             }
         }
-        let people = scene.people.iter().map(|at| scene.pose.inverse() * *at);
+        let people = scene.known_objects(GroundTruthKind::Person);
+        let people = people.map(|person| scene.pose.inverse() * person.at);
         let obstacles: Vec<At<RobotFrame>> = truths.iter().copied().chain(people).collect();
         // A second detection of one robot lies within its stated error, so it is no false robot.
         let false_robots = detections
@@ -417,8 +427,9 @@ impl DetectionSummary {
 }
 
 impl GroundTruthScene<'_> {
-    fn known_objects(&self) -> &[GroundTruthObject] {
-        self.objects.unwrap_or_default()
+    fn known_objects(&self, kind: GroundTruthKind) -> impl Iterator<Item = &GroundTruthObject> {
+        let all = self.objects.unwrap_or_default().iter();
+        all.filter(move |object| object.kind == kind)
     }
 
     /// Converts a point of the upright ground map to its position on the ground (docs/methods.md 3.3).
@@ -449,7 +460,7 @@ impl GroundTruthScene<'_> {
 
     /// Bodies of the other robots, robot frame.
     fn robot_bodies(&self) -> Vec<Body> {
-        let robots = self.known_objects().iter().filter(|object| !object.is_ball);
+        let robots = self.known_objects(GroundTruthKind::Robot);
         let body = |robot: &GroundTruthObject| Body {
             at: self.pose.inverse() * robot.at,
             outline: match robot.heading {
@@ -469,16 +480,12 @@ impl GroundTruthScene<'_> {
             .iter()
             .any(|sector| sector.contains(direction));
         covered
-            || self
-                .known_objects()
-                .iter()
-                .filter(|object| !object.is_ball)
-                .any(|robot| {
-                    let robot = self.pose.inverse() * robot.at;
-                    let along = (robot.x * at.x + robot.y * at.y) / range;
-                    let across = (robot.x * at.y - robot.y * at.x).abs() / range;
-                    along > 0.0 && along < range + 0.3 && across < 0.3
-                })
+            || self.known_objects(GroundTruthKind::Robot).any(|robot| {
+                let robot = self.pose.inverse() * robot.at;
+                let along = (robot.x * at.x + robot.y * at.y) / range;
+                let across = (robot.x * at.y - robot.y * at.x).abs() / range;
+                along > 0.0 && along < range + 0.3 && across < 0.3
+            })
     }
 
     /// True if the ball is on the carpet and more than half visible. Counts directions if its pixels are unknown.

@@ -66,7 +66,7 @@ pub enum GroundMapError {
 
 impl GroundMap {
     /// Distance of the nearest ground that the map shows, metres; infinite if it shows none.
-    pub(crate) fn nearest_ground(&self) -> f32 {
+    pub fn nearest_ground(&self) -> f32 {
         let ranges = self.x.iter().zip(&self.y).map(|(x, y)| math::hypot(*x, *y));
         ranges.fold(f32::INFINITY, f32::min)
     }

@@ -129,10 +129,14 @@ impl Vision {
                     });
                 }
             }
+            let nearest = map.nearest_ground();
+            if nearest < config.scan.range_max {
+                return Err(VisionError::NoScanLines { nearest });
+            }
             return Err(SettingError {
                 key: "vision.scan.range_max".to_owned(),
                 value: f64::from(config.scan.range_max),
-                min: f64::from(map.nearest_ground()),
+                min: f64::from(nearest),
                 max: f64::INFINITY,
                 why: "no pixel of the map shows ground within range",
             }

@@ -229,6 +229,13 @@ pub(crate) struct GroundTruth {
     /// Of the ball's lowest point; 0 in older logs.
     #[prost(float, required)]
     pub(crate) ball_height: f32,
+    /// Radians; empty in older logs.
+    #[prost(float, repeated)]
+    pub(crate) robot_headings: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) people_x: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) people_y: Vec<f32>,
 }
 
 /// One cycle of the pipeline, with every bit that replay needs or compares.

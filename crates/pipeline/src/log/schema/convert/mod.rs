@@ -226,8 +226,8 @@ fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
         ball,
         ball_height,
         robots,
-        robot_headings: _,
-        people: _,
+        robot_headings,
+        people,
     } = truth;
     wire::GroundTruth {
         stamp_ns: stamp.0,
@@ -236,11 +236,23 @@ fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
         robots_x: robots.iter().map(|robot| robot.x).collect(),
         robots_y: robots.iter().map(|robot| robot.y).collect(),
         ball_height: *ball_height,
+        robot_headings: robot_headings.clone(),
+        people_x: people.iter().map(|person| person.x).collect(),
+        people_y: people.iter().map(|person| person.y).collect(),
     }
 }
 
 fn ground_truth_from_wire(truth: wire::GroundTruth) -> Result<GroundTruth> {
     same_length("robots", &[truth.robots_x.len(), truth.robots_y.len()])?;
+    if !truth.robot_headings.is_empty() {
+        let lengths = [truth.robots_x.len(), truth.robot_headings.len()];
+        same_length("headings of robots", &lengths)?;
+    }
+    same_length("people", &[truth.people_x.len(), truth.people_y.len()])?;
+    let positions = |x: &[f32], y: &[f32]| {
+        let pairs = x.iter().zip(y);
+        pairs.map(|(&x, &y)| At::new(x, y)).collect()
+    };
     Ok(GroundTruth {
         stamp: Stamp(truth.stamp_ns),
         pose: pose_from_wire(&truth.pose),
@@ -253,13 +265,8 @@ fn ground_truth_from_wire(truth: wire::GroundTruth) -> Result<GroundTruth> {
             ),
         },
         ball_height: truth.ball_height,
-        robots: truth
-            .robots_x
-            .iter()
-            .zip(&truth.robots_y)
-            .map(|(&x, &y)| At::new(x, y))
-            .collect(),
-        robot_headings: Vec::new(),
-        people: Vec::new(),
+        robots: positions(&truth.robots_x, &truth.robots_y),
+        robot_headings: truth.robot_headings,
+        people: positions(&truth.people_x, &truth.people_y),
     })
 }
