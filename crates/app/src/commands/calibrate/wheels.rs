@@ -45,7 +45,7 @@ pub(super) fn run(args: &WheelsArgs, json: bool) -> Result<()> {
         fit_drive(&drive.odometry, &drive.poses).with_context(|| path.display().to_string())?;
     let base = drive.robot.base.as_ref();
     let geometry = base.and_then(|base| wheel_geometry(&fit.matrix, base));
-    let text = calibration_text(&fit, geometry.as_ref())?;
+    let text = calibration_text(&fit, base.is_some(), geometry.as_ref())?;
     write_file(out, &text).with_context(|| format!("cannot write {}", out.display()))?;
     if json {
         let outcome = Outcome {
@@ -77,7 +77,11 @@ pub(super) fn run(args: &WheelsArgs, json: bool) -> Result<()> {
     Ok(())
 }
 
-fn calibration_text(fit: &DriveFit, geometry: Option<&WheelGeometry>) -> Result<String> {
+fn calibration_text(
+    fit: &DriveFit,
+    has_base: bool,
+    geometry: Option<&WheelGeometry>,
+) -> Result<String> {
     let calibration = OdometryCalibration { matrix: fit.matrix };
     let mut text = String::from(
         "# Written by `mirrorball calibrate wheels`. In robot.toml: include = [\"wheels.toml\"]\n",
@@ -97,6 +101,8 @@ fn calibration_text(fit: &DriveFit, geometry: Option<&WheelGeometry>) -> Result<
             radii.join(", "),
             geometry.distance
         );
+    } else if has_base {
+        text += "# no radii and distance of the wheels explain this matrix: their directions may be other ones than [base] says\n";
     }
     let rows = calibration.matrix.map(|row| {
         let values = row.map(|value| format!("{value:.5}"));
