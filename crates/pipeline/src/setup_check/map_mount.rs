@@ -160,7 +160,7 @@ fn best_mount(trial: &Trial<'_>, measured: &[MeasuredKeyframe]) -> Result<MapMou
         bail!("too few steps of the wheels to tell a direction: drive farther");
     };
     let offset = OriginOffset::measure(explanation);
-    let origin_std = offset.map_or(f32::INFINITY, |offset| offset.std());
+    let origin_std = offset.map_or(f32::INFINITY, |offset| offset.std);
     Ok(MapMount {
         mirrored: variant.mirrored,
         turn: variant.camera_turn,

@@ -31,8 +31,8 @@ pub(super) struct OriginOffset {
     pub(super) at: Vector2<f32>,
     /// Square of its standard deviations: twice the log likelihood that it gains over none.
     squared_sigmas: f32,
-    /// Standard deviation along the less certain axis, metres.
-    std: f32,
+    /// Standard deviation along the less certain axis, that of right wheels included, metres.
+    pub(super) std: f32,
 }
 
 impl OriginOffset {
@@ -52,11 +52,6 @@ impl OriginOffset {
     /// Offset by the steps of an explanation, if it is one beyond doubt.
     pub(super) fn find(explanation: &Explanation) -> Option<Self> {
         OriginOffset::measure(explanation).filter(OriginOffset::is_certain)
-    }
-
-    /// Standard deviation along the less certain axis, that of right wheels included, metres.
-    pub(super) fn std(&self) -> f32 {
-        self.std
     }
 
     fn is_certain(&self) -> bool {
