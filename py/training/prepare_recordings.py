@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 SCENARIOS = ["hall_bright", "hall_dim", "hall_glare", "hall_crowded", "game_18x12", "demo"]
-# The exports do not say where people stand, so the drives have none.
+# People are learnt from photographs alone: those of the simulator look too much alike.
 SETTINGS = ["frame_rate_hz=2", "people.count=0"]
 DURATION_S = "24"
 # All halls in the light of hall_dim, with its noise and motion blur.

@@ -32,6 +32,8 @@ const NEARER_FOOT: f32 = 0.25;
 const FOOT_PROBABILITY_MIN: f32 = 0.9;
 /// Least probability of a ball before its place is fitted. The networks judge best where a ball is in the middle.
 const PROBABILITY_BEFORE_FIT: f32 = 0.3;
+/// Least probability at the fitted place with which the place before the fit may stand.
+const PROBABILITY_NEAR_BALL: f32 = 0.5;
 /// Detections nearer than this are one ball, ball radii.
 const BALL_SEPARATION: f32 = 1.5;
 /// Distance of a person's centre behind the nearest foot, metres.
@@ -142,11 +144,11 @@ impl PixelStage {
     ) -> Option<(BallCandidate, BallDetection)> {
         let config = input.config;
         let fit = fit_ball(input.image, &self.angles, candidate);
-        let candidate = &self.balls.displaced(candidate, fit.away, fit.aside);
-        let candidate = &BallCandidate {
-            probability: self.balls.probability(input.image, candidate),
-            ..*candidate
-        };
+        let mut fitted = self.balls.displaced(candidate, fit.away, fit.aside);
+        fitted.probability = self.balls.probability(input.image, &fitted);
+        // Beside lines, robots and the mirror's rim the disc slides off a ball, but remains near it.
+        let slid_off = (PROBABILITY_NEAR_BALL..candidate.probability).contains(&fitted.probability);
+        let candidate = if slid_off { candidate } else { &fitted };
         if candidate.probability < config.ball_probability_min {
             return None;
         }
