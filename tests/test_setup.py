@@ -321,6 +321,8 @@ def assert_not_confidently_wrong(folder: Path, out: Path) -> list[str]:
             found, right = float(row[f"{axis}_m"]), float(true[f"{axis}_m"])
             error = min(abs(found - right), abs(found + right))
             assert error < 3.5 * float(row[f"std_{axis}_m"]), row
+        turn = float(row["theta_rad"]) - float(true["theta_rad"])
+        assert abs(math.sin(turn)) < 3.5 * float(row["std_theta_rad"]), row
     warnings: list[str] = result["warnings"]
     return warnings
 
@@ -374,6 +376,30 @@ def test_path_in_millimetres_is_named(gym_drive: Path, tmp_path: Path) -> None:
     assert edit in result["suggestions"][0]["change"], result["suggestions"]
 
 
+def test_wrong_radius_of_a_drawn_circle_is_named(gym_drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    (folder / "field.toml").write_text(GYM.replace("0.0, 0.0, 1.2,", "0.0, 0.0, 1.5,"))
+    result, _ = run("doctor", "--recording", folder)
+    assert "extra_arcs: radius = 1.2" in result["suggestions"][0]["change"], result["suggestions"]
+
+
+def test_lines_that_are_missing_from_the_drawing_are_doubted(gym_drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    drawn = GYM.splitlines()
+    (folder / "field.toml").write_text("\n".join(line for line in drawn if "-5.5, " not in line and "arcs" not in line))
+    warnings = assert_not_confidently_wrong(folder, tmp_path / "poses.csv")
+    assert warnings
+
+
+def test_wheels_that_measure_one_direction_too_long_are_named(gym_drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    scale_column(folder / "odometry.csv", "dx_m", 1.12)
+    result, _ = run("doctor", "--recording", folder)
+    matrix = re.search(r"matrix = \[\[([-\d.]+)", result["suggestions"][0]["change"])
+    # The wheels' own radii are 3 % larger than stated.
+    assert matrix is not None and abs(float(matrix[1]) - 1.03 / 1.12) < 0.03, result["suggestions"]
+
+
 def write_map(path: Path, x: NDArray[np.float32], y: NDArray[np.float32]) -> None:
     np.savez_compressed(path, x_m=x.astype(np.float32), y_m=y.astype(np.float32))
 
@@ -391,6 +417,12 @@ def test_side_forward_and_origin_of_a_map_are_found_by_the_wheels(
     assert result["mirrored"] == mirrored
     assert result["wheels_agree"] > 0.95
     assert result["turn_std_deg"] < 1.0 and result["origin_std_m"] < 0.03
+    stated = {"origin_std": result["origin_std_m"], "turn_std_deg": result["turn_std_deg"]}
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    lines = [f"{key} = {value}" for key, value in stated.items()]
+    with (folder / "robot.toml").open("a") as file:
+        file.write("\n".join(["", "[map]", f'file = "{tmp_path}/mounted.npz"', *lines, ""]))
+    assert_not_confidently_wrong(folder, tmp_path / "poses.csv")
     mounted = np.load(tmp_path / "mounted.npz")
     near = np.hypot(right["x_m"], right["y_m"]) < 2.0
     off = [np.nanmedian(mounted[name][near] - right[name][near]) for name in ("x_m", "y_m")]

@@ -115,7 +115,7 @@ impl Pipeline {
         let origin_std = setup.map_origin_std(localize.map_correction.origin_std);
         let (mut localizer, notice) = build_localizer(setup, localize);
         localizer.set_map_basis(basis);
-        localizer.set_map_origin_std(origin_std);
+        localizer.set_map_mount_std(origin_std, setup.map_turn_std());
         if let Some(base) = &setup.robot.base {
             let calibration = setup.robot.odometry.map(|odometry| odometry.matrix);
             localizer.set_wheels(&base.kinematics()?, calibration.as_ref());

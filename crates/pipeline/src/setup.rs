@@ -161,6 +161,12 @@ impl Setup {
         let stated = self.robot.map.as_ref().and_then(|map| map.origin_std);
         stated.unwrap_or(default)
     }
+
+    /// Standard deviation of the map's forward direction, radians.
+    pub fn map_turn_std(&self) -> f32 {
+        let stated = self.robot.map.as_ref().and_then(|map| map.turn_std_deg);
+        stated.unwrap_or(0.0).to_radians()
+    }
 }
 
 /// Is the ground map that of the mirror as designed? Logs store such a map beside the profile.

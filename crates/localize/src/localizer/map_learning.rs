@@ -32,9 +32,11 @@ impl Localizer {
         self.map_correction = Some(Box::new(MapCorrection::new(basis, config.clone())));
     }
 
-    /// Sets the standard deviation of the map's origin from the robot's centre, per axis, metres. 0 at first.
-    pub fn set_map_origin_std(&mut self, std: f32) {
-        self.map_origin_std = std;
+    /// Sets the standard deviations of the map's origin from the robot's centre, per axis, metres, and of its forward direction,
+    /// radians. 0 at first.
+    pub fn set_map_mount_std(&mut self, origin: f32, turn: f32) {
+        self.map_origin_std = origin;
+        self.map_turn_std = turn;
     }
 
     /// The correction of the ground map. None if it is switched off.
@@ -184,6 +186,7 @@ impl Localizer {
                 estimate.covariance[(k, k)] +=
                     origin_std * origin_std + self.marking_std * self.marking_std;
             }
+            estimate.covariance[(2, 2)] += self.map_turn_std * self.map_turn_std;
         }
     }
 }

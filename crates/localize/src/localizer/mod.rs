@@ -143,6 +143,7 @@ pub struct Localizer {
     map_correction: Option<Box<MapCorrection>>,
     /// Standard deviation of the map's origin from the robot's centre, per axis, metres.
     map_origin_std: f32,
+    map_turn_std: f32,
     /// Standard deviation of the field's markings, metres, if the field was measured.
     marking_std: f32,
     odometry_prior: OdometryPrior,
@@ -202,6 +203,7 @@ impl Localizer {
         let mut localizer = Localizer {
             map_correction: None,
             map_origin_std: 0.0,
+            map_turn_std: 0.0,
             marking_std: field.marking_std(),
             odometry_prior: OdometryPrior::of_any_base(&config.filter),
             lost_images: 0,

@@ -87,6 +87,9 @@ pub struct MapConfig {
     /// `localize.map_correction.origin_std` holds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub origin_std: Option<f32>,
+    /// Standard deviation of its forward direction, degrees. 0 without it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turn_std_deg: Option<f32>,
 }
 
 /// `[base]`: three or four omnidirectional wheels on a circle (docs/methods.md 7.1).
@@ -329,6 +332,9 @@ impl RobotConfig {
         }
         if let Some(origin_std) = self.map.as_ref().and_then(|map| map.origin_std) {
             check_not_negative("map.origin_std", origin_std)?;
+        }
+        if let Some(turn_std) = self.map.as_ref().and_then(|map| map.turn_std_deg) {
+            check_not_negative("map.turn_std_deg", turn_std)?;
         }
         if let Some(exposure) = &self.exposure {
             exposure.check()?;

@@ -9,7 +9,7 @@ pub struct Comparison {
     pub gain: f32,
     /// Mean gain of a keyframe over its standard error.
     pub significance: f32,
-    /// Share of the keyframes that the alternative explains better.
+    /// Share of the keyframes that the alternative explains better, among those that it explains otherwise.
     pub better_share: f32,
 }
 
@@ -18,6 +18,8 @@ const GAIN_MIN: f32 = 15.0;
 /// The gain must come from most keyframes: a few that another set-up explains by chance decide nothing.
 const SIGNIFICANCE_MIN: f32 = 3.0;
 const BETTER_SHARE_MIN: f32 = 0.55;
+/// A smaller gain or loss of a keyframe is none, in log likelihood.
+const GAIN_SEEN: f32 = 0.02;
 /// Standard error of the mean below which keyframes count as equal, in log likelihood.
 const ERROR_MIN: f32 = 0.1;
 
@@ -33,8 +35,16 @@ pub fn compare(configured: &Explanation, alternative: &Explanation) -> Compariso
     Comparison {
         gain,
         significance: mean / error.max(ERROR_MIN),
-        better_share: gains.iter().filter(|gain| **gain > 0.0).count() as f32 / count,
+        better_share: better_share(&gains),
     }
+}
+
+/// Keyframes that do not see what differs, such as a circle far away, say nothing.
+fn better_share(gains: &[f32]) -> f32 {
+    let count = |is: fn(f32) -> bool| gains.iter().filter(|gain| is(**gain)).count() as f32;
+    let better = count(|gain| gain > GAIN_SEEN);
+    let worse = count(|gain| gain < -GAIN_SEEN);
+    better / f32::max(better + worse, 1.0)
 }
 
 impl Comparison {

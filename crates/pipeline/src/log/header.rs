@@ -132,10 +132,11 @@ impl Header {
         if let Some(map) = map {
             header = header.with_file("map.npz", map.to_npz().context("cannot pack the map")?);
         }
-        let origin_std = robot.map.as_ref().and_then(|map| map.origin_std);
+        let stated = robot.map.as_ref();
         stored.map = map.map(|_| MapConfig {
             file: "map.npz".into(),
-            origin_std,
+            origin_std: stated.and_then(|stated| stated.origin_std),
+            turn_std_deg: stated.and_then(|stated| stated.turn_std_deg),
         });
         if let Some(mask) = &mut stored.mask {
             header = header.with_file("mask.png", read(mask)?);

@@ -36,6 +36,8 @@ pub(super) struct Improvement {
     pub(super) explanation: Explanation,
     /// Gain over the set-up without it.
     pub(super) comparison: Comparison,
+    /// The steps of the wheels alone leave no doubt.
+    pub(super) by_steps: bool,
 }
 
 impl Improvement {
@@ -75,13 +77,11 @@ const SIZE_STEPS: [f32; 3] = [0.5, 0.2, 0.05];
 /// Range of a field's size against the configured one.
 const SIZE_RANGE: (f32, f32) = (0.5, 2.0);
 /// Share of points above which no other field can be much better.
-const POINTS_FINE: f32 = 0.93;
+pub(super) const POINTS_FINE: f32 = 0.93;
 /// Share of wheel steps or compass readings above which they agree.
-const SENSORS_FINE: f32 = 0.9;
+pub(super) const SENSORS_FINE: f32 = 0.9;
 /// A smaller change of a field's size is no mistake: shares of the size.
 const SIZE_MIN: f32 = 0.02;
-/// The same above which no matrix of the wheels is tried.
-const WHEELS_FINE: f32 = 0.95;
 /// Agreement of the wheels below which their unit is tried.
 const SCALES_TRIED_BELOW: f32 = 0.5;
 /// Factors of the wheels' path: centimetres, millimetres, and the opposite confusions.
@@ -219,9 +219,7 @@ impl Trial<'_> {
         }
         found.extend(self.evaluate(variant, now, changes));
         found.extend(self.search_turn(variant, now, wheels < SENSORS_FINE));
-        if wheels < WHEELS_FINE {
-            found.extend(self.search_wheels(variant, now));
-        }
+        found.extend(self.search_wheels(variant, now));
         let arbitrary = now.on_markings() < ARBITRARY_MAX
             && found.iter().any(|(change, improvement)| {
                 matches!(change, Change::Field(..)) && !improvement.comparison.is_worse()
@@ -242,7 +240,7 @@ impl Trial<'_> {
                     // A longer path has larger expected errors: costs of two units say nothing.
                     return agree >= FIRM_MIN;
                 }
-                comparison.is_better() || (is_turn && comparison.gain > 0.0)
+                comparison.is_better() || (is_turn && comparison.gain > 0.0) || improvement.by_steps
             })
             .collect();
         // Line points hardly tell: the wheels have decided.
@@ -257,6 +255,11 @@ impl Trial<'_> {
             .any(|improvement| improvement.explanation.on_markings() >= FIRM_MIN);
         if other_fields && !explained {
             better.extend(self.search_all_sizes(variant, now));
+        }
+        // A turned camera looks like wheels that are wrong in two directions.
+        let is_turn = |found: &Improvement| matches!(found.change, Change::CameraTurn(_));
+        if better.iter().any(is_turn) {
+            better.retain(|found| !found.by_steps);
         }
         // A wrong unit or axis is likelier than wheels that are wrong in every way.
         let is_axis = |found: &Improvement| {
@@ -308,6 +311,7 @@ impl Trial<'_> {
                     after,
                     explanation,
                     comparison,
+                    by_steps: false,
                 };
                 Some((change, improvement))
             })

@@ -219,6 +219,7 @@ fn improved_centre(
         change: change.clone(),
         after,
         comparison: compare_with_offsets(now, &explanation),
+        by_steps: false,
         explanation,
     };
     Some((change, improvement))

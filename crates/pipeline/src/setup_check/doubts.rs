@@ -4,12 +4,14 @@ use localize::setup_check::Explanation;
 use nalgebra::Matrix3;
 
 use super::SetupReport;
-use super::assess::Assessment;
+use super::assess::{Assessment, POINTS_FINE, SENSORS_FINE};
 use super::change::Change;
 use super::latency::OtherLatency;
 use super::origin_offset::OriginOffset;
 use super::ranges::RangeFinding;
+use super::unknown_pose_covariance;
 use crate::recording::Table;
+use crate::setup::Setup;
 
 /// Share of points on markings below which the map is doubted even if no edit is found: half of the points are false in the
 /// worst halls.
@@ -78,13 +80,31 @@ impl SetupReport {
         } = latency;
         let age = age.max(0.0);
         self.doubt(format!(
-            "the images seem {:.0} ms older than their stamps, the set-up says {:.0} ms (or the wheels slip): robot.toml: [timing] camera_latency = {age:.3} (`mirrorball calibrate latency` measures it)",
+            "the images seem {:.0} ms older than their stamps, the set-up says {:.0} ms: robot.toml: [timing] camera_latency = {age:.3}, if `mirrorball calibrate latency` finds it by the gyro, too; else the stamps of odometry.csv are early, or the wheels slip",
             1e3 * age,
             1e3 * configured,
         ));
         self.add_covariance(Matrix3::from_diagonal(
             &pose_error.component_mul(pose_error),
         ));
+    }
+
+    /// Adds that some poses contradict wheels or compass where many points lie off the markings, if no edit is known: other
+    /// places of the field explain the points as well as the right ones. Nothing is known of the poses then.
+    pub(super) fn doubt_markings(&mut self, setup: &Setup, assessment: &Assessment) {
+        let configured = &assessment.configured;
+        let sensors = [configured.wheels_agree(), configured.compass_agrees()];
+        let sensors = sensors.into_iter().flatten().fold(1.0, f32::min);
+        let is_doubtful = configured.on_markings() < POINTS_FINE && sensors < SENSORS_FINE;
+        if !assessment.improvements.is_empty() || !is_doubtful {
+            return;
+        }
+        self.doubt(format!(
+            "only {:.0} % of the line points on markings, and {:.0} % of the poses contradict wheels or compass: markings may be missing from the field file, or lie elsewhere",
+            100.0 * configured.on_markings(),
+            100.0 * (1.0 - sensors)
+        ));
+        self.add_covariance(unknown_pose_covariance(setup));
     }
 
     /// Adds that poses and wheels turn about different points, if `explained` says so, and what that does to the poses.

@@ -182,9 +182,49 @@ impl FieldSize {
     }
 }
 
-/// The sizes of drawn markings, those of the longest ones first.
+/// The sizes of drawn markings: radii, which displaced centres could stand for, then coordinates. Those of the longest markings
+/// first.
 fn drawn(field: &FieldConfig) -> Vec<FieldSize> {
-    // Length of the markings with each size.
+    let sorted = |mut groups: Vec<(f32, FieldSize)>| {
+        groups.sort_by(|a, b| b.0.total_cmp(&a.0));
+        groups.into_iter().map(|(_, size)| size)
+    };
+    let radii = sorted(drawn_radii(field));
+    radii
+        .chain(sorted(drawn_coordinates(field)))
+        .take(DRAWN_MAX)
+        .collect()
+}
+
+fn arc_length(&[_, _, radius, _, sweep]: &[f32; 5]) -> f32 {
+    radius * sweep.to_radians().abs()
+}
+
+/// The radii of drawn arcs, each with the length of its arcs.
+fn drawn_radii(field: &FieldConfig) -> Vec<(f32, FieldSize)> {
+    let mut groups: Vec<(f32, FieldSize)> = Vec::new();
+    for (row, arc) in field.extra_arcs.iter().enumerate() {
+        let radius = arc[2];
+        let group = groups.iter_mut().find_map(|(sum, size)| match size {
+            FieldSize::DrawnRadius(rows) => {
+                let same = (field.extra_arcs[rows[0]][2] - radius).abs() < SAME_COORDINATE;
+                same.then_some((sum, rows))
+            }
+            FieldSize::Key(_) | FieldSize::Drawn { .. } => None,
+        });
+        match group {
+            Some((sum, rows)) => {
+                *sum += arc_length(arc);
+                rows.push(row);
+            }
+            None => groups.push((arc_length(arc), FieldSize::DrawnRadius(vec![row]))),
+        }
+    }
+    groups
+}
+
+/// The coordinates of drawn markings, each with the length of the markings there.
+fn drawn_coordinates(field: &FieldConfig) -> Vec<(f32, FieldSize)> {
     let mut groups: Vec<(f32, FieldSize)> = Vec::new();
     let mut add = |axis: Axis, number: DrawnNumber, length: f32| {
         let value = number.value(field).abs();
@@ -217,31 +257,11 @@ fn drawn(field: &FieldConfig) -> Vec<FieldSize> {
             add(Axis::Y, DrawnNumber::Line(row, column + 1), along_x);
         }
     }
-    let length_of = |&[_, _, radius, _, sweep]: &[f32; 5]| radius * sweep.to_radians().abs();
     for (row, arc) in field.extra_arcs.iter().enumerate() {
-        add(Axis::X, DrawnNumber::Arc(row, 0), length_of(arc));
-        add(Axis::Y, DrawnNumber::Arc(row, 1), length_of(arc));
+        add(Axis::X, DrawnNumber::Arc(row, 0), arc_length(arc));
+        add(Axis::Y, DrawnNumber::Arc(row, 1), arc_length(arc));
     }
-    for (row, arc) in field.extra_arcs.iter().enumerate() {
-        let radius = arc[2];
-        let group = groups.iter_mut().find_map(|(sum, size)| match size {
-            FieldSize::DrawnRadius(rows) => {
-                let same = (field.extra_arcs[rows[0]][2] - radius).abs() < SAME_COORDINATE;
-                same.then_some((sum, rows))
-            }
-            FieldSize::Key(_) | FieldSize::Drawn { .. } => None,
-        });
-        match group {
-            Some((sum, rows)) => {
-                *sum += length_of(arc);
-                rows.push(row);
-            }
-            None => groups.push((length_of(arc), FieldSize::DrawnRadius(vec![row]))),
-        }
-    }
-    groups.sort_by(|a, b| b.0.total_cmp(&a.0));
-    groups.truncate(DRAWN_MAX);
-    groups.into_iter().map(|(_, size)| size).collect()
+    groups
 }
 
 #[cfg(test)]

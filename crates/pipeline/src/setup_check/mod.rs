@@ -240,6 +240,7 @@ pub fn check(
     let explained = assessment.explained();
     report.add_doubts(&assessment, explained, path_of_poses.flatten(), &ranges);
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
+    report.doubt_markings(setup, &assessment);
     if explained.on_markings() > FIT_FINE {
         report.doubt_origin(explained);
     }
@@ -302,12 +303,16 @@ fn figures(explanation: &Explanation) -> FitFigures {
     }
 }
 
-/// How uncertain poses of the configured set-up are, if another one is better.
-fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
+/// Covariance of a uniform distribution of poses on the carpet.
+fn unknown_pose_covariance(setup: &Setup) -> Matrix3<f32> {
     let (half_x, half_y) = setup.field.carpet_half_extent();
     let turn = std::f32::consts::PI;
-    let unknown = Vector3::new(half_x * half_x, half_y * half_y, turn * turn) / 3.0;
-    let unknown = Matrix3::from_diagonal(&unknown);
+    Matrix3::from_diagonal(&(Vector3::new(half_x * half_x, half_y * half_y, turn * turn) / 3.0))
+}
+
+/// How uncertain poses of the configured set-up are, if another one is better.
+fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
+    let unknown = unknown_pose_covariance(setup);
     if assessment.fits_no_better_than_random {
         return Some(unknown);
     }

@@ -11,7 +11,7 @@ use super::assess::{Improvement, Trial};
 use super::change::Change;
 use super::measurements::MeasuredKeyframe;
 use super::variant::SetupVariant;
-use super::wheel_fit::{angle_between, matrix_between};
+use super::wheel_fit::{angle_between, matrix_between, matrix_gain};
 
 /// A smaller turn of the camera is no mistake, radians.
 const TURN_MIN: f32 = 2.0 * std::f32::consts::PI / 180.0;
@@ -21,6 +21,9 @@ const TURN_SIGMAS: f32 = 3.0;
 const QUARTER_REACH: f32 = 0.035;
 /// Log likelihood that the nine elements of a wheels' matrix must gain: half the logarithm of some forty steps, each.
 const MATRIX_COST: f32 = 9.0 * 2.0;
+/// Gain by the spread of the steps that leaves no doubt, and the smallest change of an element that is a mistake then.
+const MATRIX_GAIN_MIN: f32 = 15.0;
+const MATRIX_MIN: f32 = 0.06;
 /// Corrections of a matrix: steps of wrong wheels join with an error.
 const MATRIX_PASSES: usize = 3;
 
@@ -76,7 +79,8 @@ impl Trial<'_> {
         self.evaluate(variant, now, changes)
     }
 
-    /// The wheels corrected by a matrix. Its gain is reduced by the cost of its elements.
+    /// The wheels corrected by a matrix. Its gain is reduced by the cost of its elements. Wheels that are wrong by less than what a
+    /// step between keyframes may err gain by the spread of the steps.
     pub(super) fn search_wheels(
         &self,
         variant: &SetupVariant,
@@ -92,6 +96,14 @@ impl Trial<'_> {
         let found = self.evaluate(variant, now, vec![Change::WheelMatrix(total)]);
         let (change, mut improvement) = found.into_iter().next()?;
         improvement.comparison.gain -= MATRIX_COST;
+        let mut wrong = total - Matrix3::identity();
+        // An offset may be that of the map's origin.
+        (wrong[(0, 2)], wrong[(1, 2)]) = (0.0, 0.0);
+        if wrong.abs().max() > MATRIX_MIN {
+            let gain = matrix_gain(&now.steps(), &total) - MATRIX_COST;
+            improvement.comparison.gain = improvement.comparison.gain.max(gain);
+            improvement.by_steps = gain > MATRIX_GAIN_MIN;
+        }
         Some((change, improvement))
     }
 }

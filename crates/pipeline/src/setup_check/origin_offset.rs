@@ -113,6 +113,7 @@ impl Trial<'_> {
             change,
             after,
             comparison: compare_with_offsets(now, &explanation),
+            by_steps: false,
             explanation,
         })
     }

@@ -16,6 +16,8 @@ const UNEVEN_STD: f32 = 0.04;
 const OFFSET_STD: f32 = 0.5;
 /// Standard deviation of the elements of a matrix of wrong wheels.
 const MATRIX_STD: f32 = 0.3;
+/// Smallest spread of steps: that of poses on a perfect map, shares of the expected errors.
+const SPREAD_MIN: f32 = 0.2;
 /// Directions that count as the same one, radians.
 const SAME_DIRECTION: f32 = 0.2;
 /// Passes of the reweighted fit.
@@ -150,6 +152,25 @@ pub(super) fn matrix_between(steps: &[MeasuredStep]) -> Option<Matrix3<f32>> {
         matrix = products * information.try_inverse()?;
     }
     Some(matrix)
+}
+
+/// Log likelihood that a matrix gains at the steps, whose spread is estimated with it and without it.
+pub(super) fn matrix_gain(steps: &[MeasuredStep], matrix: &Matrix3<f32>) -> f32 {
+    let spread_by = |matrix: &Matrix3<f32>| {
+        let errors = steps.iter().map(|step| {
+            let (wheels, poses) = (step.wheels, step.poses);
+            let error = matrix * Vector3::new(wheels.x, wheels.y, wheels.theta)
+                - Vector3::new(poses.x, poses.y, poses.theta);
+            math::hypot(
+                math::hypot(error.x, error.y) / STEP_STD.0,
+                error.z / STEP_STD.1,
+            )
+        });
+        spread(&errors.collect::<Vec<_>>()).max(SPREAD_MIN)
+    };
+    let [before, after] = [Matrix3::identity(), *matrix].map(|matrix| spread_by(&matrix));
+    // Two coordinates of each step: the turns rarely differ.
+    2.0 * steps.len() as f32 * math::ln(before / after)
 }
 
 /// Standard deviation of errors by their median, so that outliers do not count.

@@ -46,6 +46,9 @@ struct Outcome {
     map: PathBuf,
 }
 
+/// Standard deviation of the origin that lines alone give, metres.
+const GUESSED_ORIGIN_STD: f32 = 0.04;
+
 /// Runs the command.
 pub(super) fn run(args: &MountArgs, json: bool) -> Result<()> {
     ensure_map_can_be_saved(&args.out, None)?;
@@ -75,12 +78,10 @@ pub(super) fn run(args: &MountArgs, json: bool) -> Result<()> {
     );
     match mount.origin {
         Some([x, y]) => println!(
-            "origin moved to ({x:+.3}, {y:+.3}) m (standard deviation {0:.3}): give [map] origin_std = {0:.3}",
+            "origin moved to ({x:+.3}, {y:+.3}) m (standard deviation {:.3})",
             mount.origin_std
         ),
-        None => println!(
-            "origin left where it was, since the drive turns too little: give [map] origin_std = 0.04"
-        ),
+        None => println!("origin left where it was, since the drive turns too little"),
     }
     println!(
         "wheels agree with the poses of {} images by {:.0} %, before {:.0} %",
@@ -89,6 +90,15 @@ pub(super) fn run(args: &MountArgs, json: bool) -> Result<()> {
         100.0 * mount.wheels_agree[0]
     );
     println!("map: {}", args.out.display());
+    println!("in robot.toml, so that poses count what is not certain:");
+    println!(
+        "[map]\nfile = {:?}\norigin_std = {:.3}\nturn_std_deg = {:.1}",
+        args.out.display().to_string(),
+        mount
+            .origin
+            .map_or(GUESSED_ORIGIN_STD, |_| mount.origin_std),
+        mount.turn_std.to_degrees()
+    );
     Ok(())
 }
 
