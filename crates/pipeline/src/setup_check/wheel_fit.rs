@@ -117,30 +117,13 @@ fn fit_steps(steps: &[MeasuredStep]) -> Option<(Vector6<f32>, Matrix6<f32>)> {
 
 /// The matrix by which the wheels' motion (metres, metres, radians) becomes that of the poses. None for too few steps.
 pub(super) fn matrix_between(steps: &[MeasuredStep]) -> Option<Matrix3<f32>> {
-    let pairs: Vec<(Vector3<f32>, Vector3<f32>)> = steps
-        .iter()
-        .map(|step| (step.wheels, step.poses))
-        .map(|(wheels, poses)| {
-            let vector = |x: f32, y: f32, turn: f32| Vector3::new(x, y, turn);
-            (
-                vector(wheels.x, wheels.y, wheels.theta),
-                vector(poses.x, poses.y, poses.theta),
-            )
-        })
-        .collect();
-    if pairs.len() < STEPS_MIN {
+    if steps.len() < STEPS_MIN {
         return None;
     }
+    let pairs = motions(steps);
     let mut matrix = Matrix3::identity();
     for _ in 0..PASSES {
-        let errors: Vec<f32> = pairs
-            .iter()
-            .map(|(wheels, poses)| {
-                let error = matrix * wheels - poses;
-                let (position, turn) = (math::hypot(error.x, error.y), error.z);
-                math::hypot(position / STEP_STD.0, turn / STEP_STD.1)
-            })
-            .collect();
+        let errors = matrix_errors(&pairs, &matrix);
         let std = spread(&errors).max(1.0);
         let mut information = Matrix3::identity() / (MATRIX_STD * MATRIX_STD);
         let mut products = information;
@@ -156,21 +139,33 @@ pub(super) fn matrix_between(steps: &[MeasuredStep]) -> Option<Matrix3<f32>> {
 
 /// Log likelihood that a matrix gains at the steps, whose spread is estimated with it and without it.
 pub(super) fn matrix_gain(steps: &[MeasuredStep], matrix: &Matrix3<f32>) -> f32 {
-    let spread_by = |matrix: &Matrix3<f32>| {
-        let errors = steps.iter().map(|step| {
-            let (wheels, poses) = (step.wheels, step.poses);
-            let error = matrix * Vector3::new(wheels.x, wheels.y, wheels.theta)
-                - Vector3::new(poses.x, poses.y, poses.theta);
-            math::hypot(
-                math::hypot(error.x, error.y) / STEP_STD.0,
-                error.z / STEP_STD.1,
-            )
-        });
-        spread(&errors.collect::<Vec<_>>()).max(SPREAD_MIN)
-    };
-    let [before, after] = [Matrix3::identity(), *matrix].map(|matrix| spread_by(&matrix));
+    let pairs = motions(steps);
+    let [before, after] = [Matrix3::identity(), *matrix]
+        .map(|matrix| spread(&matrix_errors(&pairs, &matrix)).max(SPREAD_MIN));
     // Two coordinates of each step: the turns rarely differ.
     2.0 * steps.len() as f32 * math::ln(before / after)
+}
+
+/// Each step by the wheels and by the poses: metres, metres, radians.
+fn motions(steps: &[MeasuredStep]) -> Vec<(Vector3<f32>, Vector3<f32>)> {
+    let vector = |x: f32, y: f32, turn: f32| Vector3::new(x, y, turn);
+    let pairs = steps.iter().map(|MeasuredStep { wheels, poses }| {
+        (
+            vector(wheels.x, wheels.y, wheels.theta),
+            vector(poses.x, poses.y, poses.theta),
+        )
+    });
+    pairs.collect()
+}
+
+/// Errors of steps with a matrix of the wheels, in their expected standard deviations.
+fn matrix_errors(pairs: &[(Vector3<f32>, Vector3<f32>)], matrix: &Matrix3<f32>) -> Vec<f32> {
+    let errors = pairs.iter().map(|(wheels, poses)| {
+        let error = matrix * wheels - poses;
+        let (position, turn) = (math::hypot(error.x, error.y), error.z);
+        math::hypot(position / STEP_STD.0, turn / STEP_STD.1)
+    });
+    errors.collect()
 }
 
 /// Standard deviation of errors by their median, so that outliers do not count.

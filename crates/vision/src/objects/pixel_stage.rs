@@ -32,8 +32,6 @@ const NEARER_FOOT: f32 = 0.25;
 const FOOT_PROBABILITY_MIN: f32 = 0.9;
 /// Least probability of a ball before its place is fitted. The networks judge best where a ball is in the middle.
 const PROBABILITY_BEFORE_FIT: f32 = 0.3;
-/// Least probability at the fitted place with which the place before the fit may stand.
-const PROBABILITY_NEAR_BALL: f32 = 0.5;
 /// Detections nearer than this are one ball, ball radii.
 const BALL_SEPARATION: f32 = 1.5;
 /// Distance of a person's centre behind the nearest foot, metres.
@@ -49,6 +47,13 @@ pub(crate) struct PixelStage {
     angles: ViewAngles,
     balls: BallGrid,
     obstacles: ObstacleGrid,
+}
+
+/// Probability by the mean of two log odds.
+fn mean_probability(a: f32, b: f32) -> f32 {
+    let odds = |probability: f32| probability / (1.0 - probability).max(1e-6);
+    let mean = (odds(a) * odds(b)).sqrt();
+    mean / (1.0 + mean)
 }
 
 /// One image and what is known about its colours.
@@ -146,9 +151,14 @@ impl PixelStage {
         let fit = fit_ball(input.image, &self.angles, candidate);
         let mut fitted = self.balls.displaced(candidate, fit.away, fit.aside);
         fitted.probability = self.balls.probability(input.image, &fitted);
-        // Beside lines, robots and the mirror's rim the disc slides off a ball, but remains near it.
-        let slid_off = (PROBABILITY_NEAR_BALL..candidate.probability).contains(&fitted.probability);
-        let candidate = if slid_off { candidate } else { &fitted };
+        // Beside lines, robots and the mirror's rim the disc slides off a ball, but remains near it: both looks count.
+        let unfitted = BallCandidate {
+            probability: mean_probability(candidate.probability, fitted.probability),
+            ..*candidate
+        };
+        let slid_off = fitted.probability < config.ball_probability_min
+            && unfitted.probability >= config.ball_probability_min;
+        let candidate = if slid_off { &unfitted } else { &fitted };
         if candidate.probability < config.ball_probability_min {
             return None;
         }
