@@ -67,7 +67,7 @@ impl Assessment {
 }
 
 /// Share of what a change affects that a firm one explains.
-const FIRM_MIN: f32 = 0.85;
+pub(super) const FIRM_MIN: f32 = 0.85;
 /// Most changes on top of each other.
 const CHANGES_MAX: usize = 3;
 /// Keyframes for the first selection of a field's size; the best sizes are then compared on all.
@@ -77,7 +77,7 @@ const SIZE_STEPS: [f32; 3] = [0.5, 0.2, 0.05];
 /// Range of a field's size against the configured one.
 const SIZE_RANGE: (f32, f32) = (0.5, 2.0);
 /// Share of points above which no other field can be much better.
-pub(super) const POINTS_FINE: f32 = 0.93;
+const POINTS_FINE: f32 = 0.93;
 /// Share of wheel steps or compass readings above which they agree.
 pub(super) const SENSORS_FINE: f32 = 0.9;
 /// A smaller change of a field's size is no mistake: shares of the size.

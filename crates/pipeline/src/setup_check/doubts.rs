@@ -4,7 +4,7 @@ use localize::setup_check::Explanation;
 use nalgebra::Matrix3;
 
 use super::SetupReport;
-use super::assess::{Assessment, POINTS_FINE, SENSORS_FINE};
+use super::assess::{Assessment, FIRM_MIN, SENSORS_FINE};
 use super::change::Change;
 use super::latency::OtherLatency;
 use super::origin_offset::OriginOffset;
@@ -89,20 +89,20 @@ impl SetupReport {
         ));
     }
 
-    /// Adds that some poses contradict wheels or compass where many points lie off the markings, if no edit is known: other
-    /// places of the field explain the points as well as the right ones. Nothing is known of the poses then.
+    /// Adds that some poses contradict the wheels where many points lie off the markings, if no edit is known: other places of the
+    /// field explain the points as well as the right ones. Nothing is known of the poses then. A compass does not count, since
+    /// steel disturbs it.
     pub(super) fn doubt_markings(&mut self, setup: &Setup, assessment: &Assessment) {
         let configured = &assessment.configured;
-        let sensors = [configured.wheels_agree(), configured.compass_agrees()];
-        let sensors = sensors.into_iter().flatten().fold(1.0, f32::min);
-        let is_doubtful = configured.on_markings() < POINTS_FINE && sensors < SENSORS_FINE;
+        let wheels = configured.wheels_agree().unwrap_or(1.0);
+        let is_doubtful = configured.on_markings() < FIRM_MIN && wheels < SENSORS_FINE;
         if !assessment.improvements.is_empty() || !is_doubtful {
             return;
         }
         self.doubt(format!(
-            "only {:.0} % of the line points on markings, and {:.0} % of the poses contradict wheels or compass: markings may be missing from the field file, or lie elsewhere",
+            "only {:.0} % of the line points on markings, and {:.0} % of the steps between poses contradict the wheels: markings may be missing from the field file, or lie elsewhere",
             100.0 * configured.on_markings(),
-            100.0 * (1.0 - sensors)
+            100.0 * (1.0 - wheels)
         ));
         self.add_covariance(unknown_pose_covariance(setup));
     }
