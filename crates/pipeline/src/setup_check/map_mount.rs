@@ -152,7 +152,7 @@ fn best_mount(trial: &Trial<'_>, measured: &[MeasuredKeyframe]) -> Result<MapMou
             if other.mirrored == variant.mirrored {
                 ""
             } else {
-                " and mirrored"
+                " whose left and right are exchanged against it"
             }
         );
     }
