@@ -400,6 +400,39 @@ def test_wheels_that_measure_one_direction_too_long_are_named(gym_drive: Path, t
     assert matrix is not None and abs(float(matrix[1]) - 1.03 / 1.12) < 0.03, result["suggestions"]
 
 
+def deviations_of(folder: Path, out: Path) -> list[float]:
+    """Locates a drive: errors of all poses with a mode and without a reason, in standard deviations of their worst axis."""
+    run("locate", folder, "--out", out)
+    truth = {row["stamp_s"]: row for row in poses(folder / "truth.csv")}
+    deviations = []
+    for row in poses(out):
+        if row["mode"] == "lost" or row["reason"]:
+            continue
+        true = truth[row["stamp_s"]]
+        position = max(
+            min(abs(float(row[f"{axis}_m"]) - sign * float(true[f"{axis}_m"])) for sign in (1.0, -1.0))
+            / float(row[f"std_{axis}_m"])
+            for axis in "xy"
+        )
+        turn = abs(math.sin(float(row["theta_rad"]) - float(true["theta_rad"])))
+        deviations.append(max(position, turn / float(row["std_theta_rad"])))
+    return deviations
+
+
+@pytest.mark.parametrize("without", [("odometry.csv",), ("odometry.csv", "imu.csv")])
+def test_mount_that_no_wheels_can_teach_is_in_the_uncertainty_of_the_poses(
+    gym_drive: Path, tmp_path: Path, without: tuple[str, ...]
+) -> None:
+    folder = copy_of(gym_drive, tmp_path / "drive")
+    for name in without:
+        (folder / name).unlink()
+    # Less than the check of a set-up names without wheels.
+    move_centre(folder, 1.2, -0.9)
+    deviations = deviations_of(folder, tmp_path / "poses.csv")
+    assert len(deviations) > 150
+    assert sum(value > 3.0 for value in deviations) <= 0.02 * len(deviations), deviations
+
+
 def write_map(path: Path, x: NDArray[np.float32], y: NDArray[np.float32]) -> None:
     np.savez_compressed(path, x_m=x.astype(np.float32), y_m=y.astype(np.float32))
 

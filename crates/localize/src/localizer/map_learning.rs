@@ -44,17 +44,22 @@ impl Localizer {
         self.map_correction.as_deref()
     }
 
-    /// Corrects the points of an image. Without wheels images are single, nothing is learned from them, and the map counts
-    /// as given.
+    /// Corrects the points of an image. Without wheels images are single: the map is used as given, nothing is learned, and
+    /// its whole uncertainty is the pose's.
     pub(super) fn correct_line_points(&mut self, points: &mut [LinePoint]) {
-        let moves = self.last_odometry.is_some();
+        let learns = self.learns_map();
         if let Some(map) = &mut self.map_correction {
-            if moves {
+            if learns {
                 map.correct(points);
             } else {
-                map.skip_image();
+                map.take_uncorrected(points);
             }
         }
+    }
+
+    /// Do the wheels connect the images of a drive?
+    fn learns_map(&self) -> bool {
+        self.last_odometry.is_some()
     }
 
     /// Learns from a tracked image. `prior`: of the match; None if it had none.
@@ -76,10 +81,14 @@ impl Localizer {
             repetition: self.matcher.repetition(),
             expected_tilt: self.expected_tilt,
         };
+        let (distances, matching) = (&self.distance_field, self.matcher.config());
+        let learns = self.learns_map();
         let Some(map) = &mut self.map_correction else {
             return;
         };
-        if let Some(shift) = map.observe(&image, &self.distance_field, self.matcher.config()) {
+        if !learns {
+            map.restart(&image, distances, matching);
+        } else if let Some(shift) = map.observe(&image, distances, matching) {
             filter.shift_pose(shift);
         }
     }
@@ -106,7 +115,8 @@ impl Localizer {
             expected_tilt: self.expected_tilt,
         };
         let margin = self.score_margin(points.len());
-        let Some(map) = &mut self.map_correction else {
+        let learns = self.learns_map();
+        let Some(map) = self.map_correction.as_mut().filter(|_| learns) else {
             return false;
         };
         let (distances, matching) = (&self.distance_field, self.matcher.config());
@@ -132,6 +142,7 @@ impl Localizer {
     /// A pose of the global search: its error by the map follows from this image alone.
     pub(super) fn restart_map(&mut self, stamp: Stamp, points: &[LinePoint], estimate: &Estimate) {
         let margin = self.score_margin(points.len());
+        let learns = self.learns_map();
         let Some(map) = &mut self.map_correction else {
             return;
         };
@@ -155,7 +166,9 @@ impl Localizer {
             expected_tilt: self.expected_tilt,
         };
         let (distances, matching) = (&self.distance_field, self.matcher.config());
-        map.search_when_due(&image, margin, distances, matching);
+        if learns {
+            map.search_when_due(&image, margin, distances, matching);
+        }
         map.restart(&image, distances, matching);
     }
 

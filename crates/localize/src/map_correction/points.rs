@@ -1,10 +1,25 @@
 //! Points of a wrong map: displaced, and as uncertain as the map.
 
+use super::basis::DisplacedPoint;
 use super::state::{MapCorrection, RawPoint};
 use super::term::{NODES, TERMS_MAX};
 use crate::frames::{At, RobotFrame};
 use crate::math;
 use crate::sample::LinePoint;
+
+impl RawPoint {
+    /// A point that the map showed at `given`.
+    fn new(point: &LinePoint, given: [f32; 2], displaced: &DisplacedPoint) -> Self {
+        let ambiguity = displaced.ambiguity * displaced.ambiguity;
+        RawPoint {
+            given,
+            at: displaced.at,
+            radial_variance: point.std_radial * point.std_radial + ambiguity,
+            tangential_variance: point.std_tangential * point.std_tangential + ambiguity,
+            derivatives: displaced.derivatives,
+        }
+    }
+}
 
 impl MapCorrection {
     /// The ground point that the corrected map shows where the map shows `at`.
@@ -35,14 +50,7 @@ impl MapCorrection {
             let displaced = prepared.displace(given);
             let [x, y] = displaced.at;
             point.at = At::new(x, y);
-            let ambiguity = displaced.ambiguity * displaced.ambiguity;
-            let raw = RawPoint {
-                given,
-                at: [x, y],
-                radial_variance: point.std_radial * point.std_radial + ambiguity,
-                tangential_variance: point.std_tangential * point.std_tangential + ambiguity,
-                derivatives: displaced.derivatives,
-            };
+            let raw = RawPoint::new(point, given, &displaced);
             let [radial, tangential] = self.variances_at(math::hypot(x, y));
             point.std_radial = (raw.radial_variance + radial).sqrt();
             point.std_tangential = (raw.tangential_variance + tangential).sqrt();
@@ -50,9 +58,14 @@ impl MapCorrection {
         }
     }
 
-    /// An image that the map's correction leaves as it is.
-    pub fn skip_image(&mut self) {
+    /// Takes the points of an image that is located by the map as it was given, for the pose's error by the map.
+    pub fn take_uncorrected(&mut self, points: &[LinePoint]) {
+        let prepared = self.basis.prepare([0.0; TERMS_MAX]);
         self.points.clear();
+        self.points.extend(points.iter().map(|point| {
+            let at = [point.at.x, point.at.y];
+            RawPoint::new(point, at, &prepared.displace(at))
+        }));
     }
 
     fn single_coefficients(&self) -> [f32; TERMS_MAX] {

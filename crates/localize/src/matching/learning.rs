@@ -4,7 +4,7 @@
 use super::distance_field::DistanceField;
 use super::point_spread::Residual;
 use super::repeated_errors::Remainder;
-use super::{Match, Matcher, Vector5};
+use super::{Match, Matcher, PARAMETERS, Vector5};
 use crate::frames::Pose;
 use crate::{math, tilt};
 
@@ -23,9 +23,12 @@ impl Matcher {
             |pass| (pass.normal, pass.gradient),
         );
         // What a pose from these points alone would explain is no error of theirs.
-        let free = (normal + self.uninformative_prior())
-            .cholesky()
-            .map_or_else(Vector5::zeros, |cholesky| -cholesky.solve(&gradient));
+        let unknown = self.uninformative_prior();
+        let cholesky = (normal + unknown).cholesky();
+        let (free, determined) = cholesky.map_or((Vector5::zeros(), 0.0), |cholesky| {
+            let undetermined = (cholesky.inverse() * unknown).trace();
+            (-cholesky.solve(&gradient), PARAMETERS as f32 - undetermined)
+        });
         let (sin, cos) = math::sin_cos(theta);
         let height = self.config.viewpoint_height;
         let inverse_height = 1.0 / height;
@@ -39,22 +42,23 @@ impl Matcher {
             let radial = nx * rx + ny * ry;
             let variance =
                 point.tangential_variance + point.radial_excess_variance * radial * radial;
-            self.residuals.push(Residual {
-                distance: near.signed_distance,
-                variance,
-                range: (rx * rx + ry * ry).sqrt(),
-            });
             let along = radial * inverse_height;
             let explained = nx * free[0]
                 + ny * free[1]
                 + (ny * rx - nx * ry) * free[2]
                 + along * (px * free[3] + py * free[4]);
+            let remaining = near.signed_distance + explained;
+            self.residuals.push(Residual {
+                distance: remaining,
+                variance,
+                range: (rx * rx + ry * ry).sqrt(),
+            });
             self.remainders.push(Remainder {
                 at: [
                     x + rx - near.signed_distance * nx,
                     y + ry - near.signed_distance * ny,
                 ],
-                sigmas: (near.signed_distance + explained) / variance.sqrt(),
+                sigmas: remaining / variance.sqrt(),
                 normal: near.normal,
             });
         }
@@ -62,9 +66,67 @@ impl Matcher {
             .update(self.remainders.iter().copied(), matched.pose);
         self.spread.update(
             self.residuals.iter().copied(),
-            matched.determined_parameters,
+            determined,
             matched.observed_scale,
             seconds,
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix3;
+
+    use super::super::{MatchConfig, MatchStart, Matrix5, PosePrior};
+    use super::*;
+    use crate::field::tests::league_18x12;
+    use crate::frames::At;
+    use crate::matching::distance_field::DistanceFieldConfig;
+    use crate::sample::LinePoint;
+
+    /// Points on the markings within 4 m of a robot in the middle of the field, which it sees without error.
+    fn points_on_markings(distances: &DistanceField) -> Vec<LinePoint> {
+        (0..4000)
+            .map(|step| {
+                let x = (step as f32 * 0.618_034).fract() * 8.0 - 4.0;
+                let y = (step as f32 * 0.754_877_7).fract() * 8.0 - 4.0;
+                let near = distances.nearest(x, y);
+                let [nx, ny] = near.normal;
+                let d = near.signed_distance;
+                ([x - d * nx, y - d * ny], d.abs())
+            })
+            .filter(|(_, distance)| *distance < 0.2)
+            .map(|([x, y], _)| LinePoint {
+                at: At::new(x, y),
+                std_radial: 0.02,
+                std_tangential: 0.02,
+            })
+            .take(150)
+            .collect()
+    }
+
+    #[test]
+    fn points_do_not_scatter_because_a_wrong_prediction_holds_the_pose() {
+        let distances =
+            DistanceField::new(&league_18x12("centres"), &DistanceFieldConfig::default());
+        let points = points_on_markings(&distances);
+        let spread_after = |error: f32| {
+            let mut matcher = Matcher::new(MatchConfig::default());
+            let mut information = Matrix5::from_diagonal_element(1e6);
+            let sure = Matrix3::from_diagonal_element(1e6);
+            information.fixed_view_mut::<3, 3>(0, 0).copy_from(&sure);
+            let prior = PosePrior {
+                pose: Pose::new(error, 0.6 * error, 0.0),
+                information,
+            };
+            for _ in 0..60 {
+                let start = MatchStart::new(0.1);
+                let matched = matcher.refine_with_prior(&distances, &points, prior, start);
+                matcher.learn_spread(&distances, &matched, 0.03);
+            }
+            matcher.spread.factor().at(2.5)
+        };
+        let [right, wrong] = [0.0, 0.04].map(spread_after);
+        assert!(wrong < 2.0 * right.max(0.05), "{wrong} instead of {right}");
     }
 }
