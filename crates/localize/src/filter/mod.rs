@@ -239,8 +239,12 @@ impl PoseFilter {
     }
 
     /// D² of docs/methods.md 5.9: how far the points alone lie from the prediction, if they counted as those of a single
-    /// image. None without information.
-    pub fn single_image_innovation_squared(&self, matched: &Match) -> Option<f32> {
+    /// image. `map`: covariance of the pose by an uncertain map, which may be the reason. None without information.
+    pub fn single_image_innovation_squared(
+        &self,
+        matched: &Match,
+        map: &Matrix3<f32>,
+    ) -> Option<f32> {
         let predicted = self.predicted_covariance(TiltPrior::FromState);
         let predicted = predicted.fixed_view::<3, 3>(0, 0).into_owned();
         let before = predicted.try_inverse()?;
@@ -248,7 +252,7 @@ impl PoseFilter {
         // A hundredth of the prior's information keeps directions without markings invertible.
         let noise = (after - before * 0.99).try_inverse()?;
         let innovation = noise * after * matched.pose.difference(self.pose());
-        let covariance = predicted + noise / matched.repetition_ratio;
+        let covariance = predicted + noise / matched.repetition_ratio + map;
         Some(innovation.dot(&(covariance.try_inverse()? * innovation)))
     }
 

@@ -1,6 +1,8 @@
 //! The ground map's correction within localization: corrects points before they are matched, learns from the match, and
 //! adds the map's remaining uncertainty to the pose's (docs/methods.md 2.13).
 
+use nalgebra::Matrix3;
+
 use super::Localizer;
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::filter::{PoseFilter, TiltPrior};
@@ -179,14 +181,20 @@ impl Localizer {
         }
     }
 
+    /// Covariance of (x, y, θ) by the map's remaining uncertainty.
+    pub(super) fn map_pose_covariance(&self) -> Matrix3<f32> {
+        let map = self.map_correction.as_ref();
+        map.map_or_else(Matrix3::zeros, |map| map.pose_covariance())
+    }
+
     /// Adds what the map's uncertainty means for the pose, and the estimate of the map.
     pub(super) fn add_map_uncertainty(&self, estimate: &mut Estimate) {
         let located = estimate.mode != Mode::Lost;
         let mut origin_std = self.map_origin_std;
+        if located {
+            estimate.covariance += self.map_pose_covariance();
+        }
         if let Some(map) = &self.map_correction {
-            if located {
-                estimate.covariance += map.pose_covariance();
-            }
             if map.is_in_use() {
                 origin_std = origin_std.max(map.config().origin_std);
             }

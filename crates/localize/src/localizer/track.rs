@@ -207,11 +207,9 @@ impl Localizer {
         let mut matched =
             self.matcher
                 .refine_with_prior(&self.distance_field, points, prior, start);
-        // With a map that is still being learned, the map may be the reason.
-        if self.map_correction.is_none()
-            && matched.repetition_ratio > 1.0
+        if matched.repetition_ratio > 1.0
             && filter
-                .single_image_innovation_squared(&matched)
+                .single_image_innovation_squared(&matched, &self.map_pose_covariance())
                 .is_some_and(|squared| squared > REPEATED_INNOVATION_MAX)
         {
             let start = MatchStart {

@@ -17,6 +17,16 @@ pub(super) struct ImageState {
     pub(super) tilt: [f32; 2],
 }
 
+impl ImageState {
+    /// Adds a step of pose and tilt.
+    pub(super) fn move_by(&mut self, step: &PoseVector) {
+        let Pose { x, y, theta, .. } = self.pose;
+        let [dx, dy, dtheta, da, db] = step.map(|value| value as f32).into();
+        self.pose = Pose::new(x + dx, y + dy, theta + dtheta);
+        self.tilt = [self.tilt[0] + da, self.tilt[1] + db];
+    }
+}
+
 /// What is known before the image.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ImagePrior {
@@ -81,10 +91,7 @@ impl MapCorrection {
                 return None;
             }
             state.coefficients += step;
-            let Pose { x, y, theta, .. } = state.pose;
-            let [dx, dy, dtheta, da, db] = pose_step.map(|value| value as f32).into();
-            state.pose = Pose::new(x + dx, y + dy, theta + dtheta);
-            state.tilt = [state.tilt[0] + da, state.tilt[1] + db];
+            state.move_by(&pose_step);
         }
         let (_, score) = self.image_sums(&state, 0.0, distances, matching);
         Some(ImageFit {
@@ -95,7 +102,7 @@ impl MapCorrection {
     }
 
     /// Normal equations of the present image at a state, and Σ (1 − e).
-    fn image_sums(
+    pub(super) fn image_sums(
         &self,
         state: &ImageState,
         reach: f32,

@@ -4,7 +4,7 @@ use super::block::{BLOCK_IMAGES, Block};
 use super::config::MapCorrectionConfig;
 use super::posterior::Posterior;
 use super::state::{MapCorrection, TrackedImage};
-use super::sums::{MapEvidence, PoseMatrix, PoseVector, TermVector};
+use super::sums::{MapEvidence, PoseMatrix, PoseVector, TermMatrix, TermVector};
 use super::term::TERMS_MAX;
 use crate::frames::{Pose, wrap_angle};
 use crate::matching::distance_field::DistanceField;
@@ -94,12 +94,8 @@ impl MapCorrection {
     /// Takes the estimate into use if the given map is wrong. Returns the change.
     fn follow_estimate(&mut self) -> Option<TermVector> {
         let step = self.coefficients - self.applied;
-        let mut covariance = self.covariance;
-        for k in self.basis.terms().len()..TERMS_MAX {
-            covariance[(k, k)] = 1.0;
-        }
-        let distance = step.dot(&covariance.cholesky()?.solve(&step));
-        if !self.is_in_use() && distance < WRONG_CHI_SQUARED {
+        let terms = self.basis.terms().len();
+        if !self.is_in_use() && is_expected(&step, &self.covariance, terms) {
             return None;
         }
         self.applied = self.coefficients;
@@ -163,11 +159,28 @@ impl MapCorrection {
                 self.knocks += 1;
                 self.covariance = self.prior;
             }
+            self.covariance *= self.lag();
             self.block = Block::new(self.coefficients, self.covariance);
         }
         self.images += 1;
         self.update_variances();
         Some(())
+    }
+
+    /// How much too small is the covariance? 1 if the block's images moved the unknowns as far as it says. The derivatives hold
+    /// only near the truth, so that an estimate that starts far off moves on when its covariance has become small.
+    fn lag(&self) -> f64 {
+        let terms = self.basis.terms().len();
+        let change = self.coefficients - self.block.coefficients;
+        // The change is what the images told. A tenth of the rest keeps unknowns that they do not tell invertible.
+        let told = self.block.covariance - self.covariance * 0.9;
+        let squared = squared_deviation(&change, &told, terms);
+        if squared < WRONG_CHI_SQUARED {
+            return 1.0;
+        }
+        let factor = squared / terms as f64;
+        let room = (0..terms).map(|k| self.prior[(k, k)] / self.covariance[(k, k)]);
+        room.fold(factor, f64::min).max(1.0)
     }
 
     /// Is an unknown farther from the map as given, or from the mount taken over last, than any mount may be?
@@ -177,6 +190,21 @@ impl MapCorrection {
             (self.coefficients[k] - self.plausible_centre[k]).abs() > limit
         })
     }
+}
+
+/// Is a deviation of the map one that its covariance explains?
+pub(super) fn is_expected(deviation: &TermVector, covariance: &TermMatrix, terms: usize) -> bool {
+    squared_deviation(deviation, covariance, terms) < WRONG_CHI_SQUARED
+}
+
+/// Squared length of a deviation of the map in standard deviations. 0 if the covariance is none.
+fn squared_deviation(deviation: &TermVector, covariance: &TermMatrix, terms: usize) -> f64 {
+    let mut covariance = *covariance;
+    for k in terms..TERMS_MAX {
+        covariance[(k, k)] = 1.0;
+    }
+    let cholesky = covariance.cholesky();
+    cholesky.map_or(0.0, |cholesky| deviation.dot(&cholesky.solve(deviation)))
 }
 
 /// Did the robot move far enough between two images that they count as independent?

@@ -8,6 +8,7 @@
 mod basis;
 mod block;
 mod config;
+mod drive_fit;
 mod far_mount;
 mod image_fit;
 mod knock;
@@ -26,6 +27,7 @@ mod term;
 
 pub use basis::{DisplacedPoint, MapBasis, PreparedBasis};
 pub use config::MapCorrectionConfig;
+pub use drive_fit::DriveFit;
 pub use mirror::MirrorModel;
 pub use smooth::{height_term, smooth_terms};
 pub use state::{MapCorrection, MapCorrectionEstimate, TermEstimate, TrackedImage};

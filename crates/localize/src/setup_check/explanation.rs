@@ -6,6 +6,7 @@ use crate::frames::{Pose, RobotFrame, Tf};
 use crate::global_search::branch_and_bound::{
     BranchAndBound, BranchAndBoundConfig, Hypothesis, half_turn,
 };
+use crate::map_correction::{DriveFit, MapBasis};
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
 use crate::math;
@@ -117,6 +118,26 @@ impl FieldTables {
         KeyframeHypotheses {
             hypotheses: poses.into_iter().map(cost).collect(),
         }
+    }
+
+    /// The errors of a map with which its keyframes lie on the markings, from the poses of an explanation without them.
+    pub fn fit_map(
+        &self,
+        basis: &MapBasis,
+        config: &LocalizeConfig,
+        keyframes: &[Keyframe],
+        explanation: &Explanation,
+    ) -> Option<DriveFit> {
+        let pairs = keyframes.iter().zip(&explanation.keyframes);
+        let images = pairs.filter_map(|(keyframe, fit)| Some((fit.pose?, &keyframe.points[..])));
+        let images: Vec<_> = images.collect();
+        DriveFit::find(
+            basis,
+            &config.map_correction,
+            &images,
+            &self.distances,
+            &config.matching,
+        )
     }
 
     /// Negative log likelihood of a keyframe's points, tempered (their errors are correlated).

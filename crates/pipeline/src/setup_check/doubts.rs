@@ -1,5 +1,6 @@
 //! What is wrong although no edit is known? Points off the markings, sensors that do not agree.
 
+use localize::math;
 use localize::setup_check::Explanation;
 use nalgebra::Matrix3;
 
@@ -16,6 +17,8 @@ use crate::setup::Setup;
 /// Share of points on markings below which the map is doubted even if no edit is found: half of the points are false in the
 /// worst halls.
 const POINTS_POOR: f32 = 0.45;
+/// A larger contradiction between wheels and poses is a jump to another place of the field, and no slip, metres.
+const JUMP_MIN: f32 = 0.5;
 /// Wheels or compass that agree less are doubted even if no edit is found.
 const SENSORS_POOR: f32 = 0.4;
 
@@ -94,15 +97,19 @@ impl SetupReport {
     /// steel disturbs it.
     pub(super) fn doubt_markings(&mut self, setup: &Setup, assessment: &Assessment) {
         let configured = &assessment.configured;
-        let wheels = configured.wheels_agree().unwrap_or(1.0);
-        let is_doubtful = configured.on_markings() < FIRM_MIN && wheels < SENSORS_FINE;
+        let steps = configured.steps();
+        let jumps = steps.iter().filter(|step| {
+            math::hypot(step.poses.x - step.wheels.x, step.poses.y - step.wheels.y) > JUMP_MIN
+        });
+        let jumps = jumps.count() as f32 / steps.len().max(1) as f32;
+        let is_doubtful = configured.on_markings() < FIRM_MIN && jumps > 1.0 - SENSORS_FINE;
         if !assessment.improvements.is_empty() || !is_doubtful {
             return;
         }
         self.doubt(format!(
             "only {:.0} % of the line points on markings, and {:.0} % of the steps between poses contradict the wheels: markings may be missing from the field file, or lie elsewhere",
             100.0 * configured.on_markings(),
-            100.0 * (1.0 - wheels)
+            100.0 * jumps
         ));
         self.add_covariance(unknown_pose_covariance(setup));
     }

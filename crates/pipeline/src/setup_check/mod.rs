@@ -10,6 +10,7 @@ mod change;
 mod collector;
 mod dead_sensors;
 mod doubts;
+mod expected_mount;
 mod field_size;
 mod field_sizes;
 mod inertial;
@@ -29,7 +30,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use localize::field::FieldConfig;
-use localize::setup_check::Explanation;
+use localize::setup_check::{Explanation, compare};
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
@@ -44,7 +45,7 @@ use crate::config::PipelineConfig;
 use crate::log::{LogReader, UnpackedSetup};
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
-use assess::{Assessment, assess, compass_agreement_in_degrees};
+use assess::{Assessment, Improvement, assess, compass_agreement_in_degrees};
 use change::Change;
 use dead_sensors::FIT_FINE;
 use field_size::{Axis, FieldSize};
@@ -59,6 +60,8 @@ pub struct FitFigures {
     pub fit: f32,
     /// Share of the line points on markings.
     pub on_markings: f32,
+    /// True if they lie there by a mount of the camera that the images tell, and not by the map as given.
+    pub mount_learned: bool,
     /// Root mean square distance of these points from the markings, metres.
     pub residual_m: f32,
     /// How far the wheels' steps agree with those of the poses, at most 1. None without odometry.
@@ -76,8 +79,13 @@ impl FitFigures {
             })
         };
         format!(
-            "set-up: {:.0} % of the line points on markings, {:.1} cm off{}{}",
+            "set-up: {:.0} % of the line points on markings{}, {:.1} cm off{}{}",
             100.0 * self.on_markings,
+            if self.mount_learned {
+                " by the mount that the images tell"
+            } else {
+                ""
+            },
             100.0 * self.residual_m,
             sensor("wheels agree with", self.wheels_agree),
             sensor("compass with", self.compass_agrees),
@@ -175,20 +183,72 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
 }
 
 /// Checks a set-up by measured keyframes; `ranges`: findings in the tables that they come from.
+///
+/// What looks wrong is looked at again by the mount of the camera that the images tell, if it is one that localization expects.
 pub fn check(
+    setup: &Setup,
+    config: &PipelineConfig,
+    measured: &[MeasuredKeyframe],
+    ranges: Vec<RangeFinding>,
+    effort: Effort,
+) -> SetupReport {
+    let (given, assessment) = check_points(setup, config, measured, ranges.clone(), effort);
+    if given.warnings.is_empty() {
+        return given;
+    }
+    let by_mount =
+        expected_mount::correct(setup, &config.localize, measured, &assessment.configured);
+    let Some(by_mount) = by_mount else {
+        return given;
+    };
+    let (mut report, with_mount) = check_points(setup, config, &by_mount, ranges, effort);
+    if let Some(figures) = &mut report.figures {
+        figures.mount_learned = true;
+    }
+    if let Some(centre) = centre_as_good_as_mount(&assessment, &with_mount) {
+        let improvements = vec![vec![centre]];
+        report.add_improvements(
+            setup,
+            &Assessment {
+                improvements,
+                ..assessment
+            },
+        );
+    }
+    report
+}
+
+/// Another centre of the mirror's image that explains the points `given` by the map as well as the mount does, which is learned all the
+/// same.
+fn centre_as_good_as_mount(given: &Assessment, with_mount: &Assessment) -> Option<Improvement> {
+    let centre = |assessment: &Assessment| {
+        let mut changes = assessment.improvements.iter().flatten();
+        changes
+            .find(|found| matches!(found.change, Change::Centre(_)))
+            .cloned()
+    };
+    let found = centre(given).filter(|_| centre(with_mount).is_none())?;
+    (!compare(&with_mount.configured, &found.explanation).is_worse()).then_some(found)
+}
+
+/// Checks a set-up by keyframes with the points of one map. Second: what the trials found.
+fn check_points(
     setup: &Setup,
     config: &PipelineConfig,
     measured: &[MeasuredKeyframe],
     mut ranges: Vec<RangeFinding>,
     effort: Effort,
-) -> SetupReport {
+) -> (SetupReport, Assessment) {
     let usable: Vec<MeasuredKeyframe> = measured
         .iter()
         .filter(|keyframe| keyframe.points.len() >= config.localize.mode.points_min)
         .cloned()
         .collect();
     if usable.len() < KEYFRAMES_MIN {
-        return SetupReport::default().with_ranges(&ranges);
+        return (
+            SetupReport::default().with_ranges(&ranges),
+            Assessment::default(),
+        );
     }
     let mut assessment = assess(setup, &config.localize, measured, effort);
     // A compass with a known mistake is useful once that is mended.
@@ -216,7 +276,7 @@ pub fn check(
         dead_sensors::wheels_stand_still(measured).then(|| dead_sensors::path_of_poses(configured));
     if path_of_poses == Some(None) {
         // The robot stands: images of one place say little about a set-up.
-        return SetupReport::default().with_ranges(&ranges);
+        return (SetupReport::default().with_ranges(&ranges), assessment);
     }
     // A continuous heading in radians may exceed a turn: the poses decide. Few of them agree with any heading by chance.
     let agreement = configured.compass_agrees().unwrap_or(0.0);
@@ -286,7 +346,7 @@ pub fn check(
         report.unusable.push(Table::Odometry);
         ranges.retain(|finding| finding.table != Table::Odometry);
     }
-    report.with_ranges(&ranges)
+    (report.with_ranges(&ranges), assessment)
 }
 
 /// Fewer keyframes say nothing about a set-up.
@@ -297,6 +357,7 @@ fn figures(explanation: &Explanation) -> FitFigures {
         keyframes: explanation.keyframes.len(),
         fit: explanation.fit(),
         on_markings: explanation.on_markings(),
+        mount_learned: false,
         residual_m: explanation.residual(),
         wheels_agree: explanation.wheels_agree(),
         compass_agrees: explanation.compass_agrees(),
