@@ -27,6 +27,7 @@ mod warm_start;
 
 pub mod feed;
 pub mod findings;
+pub mod image_faults;
 pub mod log;
 
 pub mod datagram;

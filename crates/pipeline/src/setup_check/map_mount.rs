@@ -19,7 +19,7 @@ use super::measurements::{MeasuredKeyframe, measure};
 use super::origin_offset::OriginOffset;
 use super::variant::SetupVariant;
 use super::wheel_fit::angle_between;
-use super::{KEYFRAMES_MIN, assess};
+use super::{Effort, KEYFRAMES_MIN, assess};
 use crate::config::PipelineConfig;
 use crate::recording::Recording;
 use crate::setup::Setup;
@@ -87,7 +87,7 @@ pub fn find_map_mount(
         setup.traced_mirror.is_none(),
         "the robot has no calibrated map, but a mirror profile: `mirrorball doctor --recording` names forward_deg, flipped and centre_px"
     );
-    let mut measured = measure(recording, setup, config)?;
+    let mut measured = measure(recording, setup, config, Effort::Brief)?.keyframes;
     measured.retain(|keyframe| keyframe.points.len() >= config.localize.mode.points_min);
     ensure!(
         measured.len() >= KEYFRAMES_MIN,

@@ -12,6 +12,7 @@ mod dead_sensors;
 mod doubts;
 mod field_size;
 mod field_sizes;
+mod image_scan;
 mod inertial;
 mod inertial_motion;
 mod latency;
@@ -41,6 +42,7 @@ pub use measurements::MeasuredKeyframe;
 pub use ranges::RangeFinding;
 
 use crate::config::PipelineConfig;
+use crate::image_faults::ImageFaults;
 use crate::log::{LogReader, UnpackedSetup};
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
@@ -129,6 +131,9 @@ pub struct SetupReport {
     pub warnings: Vec<String>,
     /// Those of the warnings for which no edit is known.
     pub doubts: Vec<String>,
+    /// Images that cannot be used. None if not all were checked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image_faults: Option<ImageFaults>,
     /// Edits, the first one first.
     pub suggestions: Vec<Suggestion>,
     /// Covariance that the poses of this set-up have at least.
@@ -152,8 +157,9 @@ pub fn check_recording(
     effort: Effort,
 ) -> Result<SetupReport> {
     let ranges = ranges::check_ranges(recording);
-    let measured = measurements::measure(recording, setup, config)?;
-    Ok(check(setup, config, &measured, ranges, effort))
+    let measured = measurements::measure(recording, setup, config, effort)?;
+    let report = check(setup, config, &measured.keyframes, ranges, effort);
+    Ok(report.with_image_faults(measured.image_faults))
 }
 
 /// Checks the set-up that a log holds by the line points, wheels and compass that it recorded.
@@ -162,16 +168,20 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
     let unpacked = UnpackedSetup::load(log.header())?;
     let config = unpacked.config()?;
     let mut keyframes = KeyframeCollector::new(&unpacked.setup);
+    let mut faults = ImageFaults::default();
     for logged in log {
-        keyframes.add_cycle(&logged?.cycle);
+        let cycle = logged?.cycle;
+        keyframes.add_cycle(&cycle);
+        faults.add_cycle(&cycle, None);
     }
-    Ok(check(
+    let report = check(
         &unpacked.setup,
         &config,
         &keyframes.keyframes(),
         Vec::new(),
         effort,
-    ))
+    );
+    Ok(report.with_image_faults(Some(faults)))
 }
 
 /// Checks a set-up by measured keyframes; `ranges`: findings in the tables that they come from.
@@ -402,6 +412,14 @@ impl SetupReport {
             ));
             before = &best.explanation;
         }
+    }
+
+    /// Adds the images that cannot be used.
+    fn with_image_faults(mut self, faults: Option<ImageFaults>) -> Self {
+        let sentences = faults.iter().flat_map(ImageFaults::sentences);
+        sentences.for_each(|sentence| self.doubt(sentence));
+        self.image_faults = faults;
+        self
     }
 
     /// Adds what the ranges of the tables betray.
