@@ -27,7 +27,7 @@ pub(super) const ODOMETRY_GAP_MAX: f64 = 1.0;
 /// Rows of the odometry this far from an image give the velocity at it, seconds.
 const VELOCITY_REACH: f64 = 0.05;
 /// Largest age of a compass reading at an image, seconds.
-const COMPASS_AGE_MAX: f64 = 0.5;
+pub(super) const COMPASS_AGE_MAX: f64 = 0.5;
 
 /// What was measured at one image and since the keyframe before it.
 #[derive(Debug, Clone, Default)]

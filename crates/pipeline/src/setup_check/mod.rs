@@ -1,13 +1,16 @@
 //! Is the set-up right? Tries other fields, camera mounts, compass turns and units on the same measurements.
 //!
 //! `ranges` reads what the tables betray, `measurements` selects keyframes, `assess` compares variants of the set-up
-//! (`variant`, `change`) by `localize::setup_check`, `origin_offset` where the wheels turn, `dead_sensors` and `inertial` find sensors that say nothing or lie. The report has warnings for every run and suggestions for the
+//! (`variant`, `change`) by `localize::setup_check`, `origin_offset` where the wheels turn, `dead_sensors`, `compass_faults` and `inertial` find
+//! sensors that say nothing or lie, `image_scan` images that show no field. The report has warnings for every run and suggestions for the
 //! doctor.
 
 mod assess;
 mod camera_search;
 mod change;
 mod collector;
+mod compass_faults;
+mod compass_noise;
 mod dead_sensors;
 mod doubts;
 mod field_size;
@@ -48,6 +51,7 @@ use crate::recording::{Recording, Table};
 use crate::setup::Setup;
 use assess::{Assessment, assess, compass_agreement_in_degrees};
 use change::Change;
+use compass_faults::CompassFault;
 use dead_sensors::FIT_FINE;
 use field_size::{Axis, FieldSize};
 use variant::SetupVariant;
@@ -158,7 +162,9 @@ pub fn check_recording(
 ) -> Result<SetupReport> {
     let ranges = ranges::check_ranges(recording);
     let measured = measurements::measure(recording, setup, config, effort)?;
-    let report = check(setup, config, &measured.keyframes, ranges, effort);
+    let noise = compass_noise::recording_noise(recording);
+    let tables = TableFindings { ranges, noise };
+    let report = check_tables(setup, config, &measured.keyframes, tables, effort);
     Ok(report.with_image_faults(measured.image_faults))
 }
 
@@ -184,12 +190,34 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
     Ok(report.with_image_faults(Some(faults)))
 }
 
+/// What the tables of a recording say without its images.
+#[derive(Default)]
+struct TableFindings {
+    ranges: Vec<RangeFinding>,
+    /// Standard deviation of the compass from one reading to the next, radians.
+    noise: Option<f32>,
+}
+
 /// Checks a set-up by measured keyframes; `ranges`: findings in the tables that they come from.
 pub fn check(
     setup: &Setup,
     config: &PipelineConfig,
     measured: &[MeasuredKeyframe],
-    mut ranges: Vec<RangeFinding>,
+    ranges: Vec<RangeFinding>,
+    effort: Effort,
+) -> SetupReport {
+    let tables = TableFindings {
+        ranges,
+        noise: None,
+    };
+    check_tables(setup, config, measured, tables, effort)
+}
+
+fn check_tables(
+    setup: &Setup,
+    config: &PipelineConfig,
+    measured: &[MeasuredKeyframe],
+    tables: TableFindings,
     effort: Effort,
 ) -> SetupReport {
     let usable: Vec<MeasuredKeyframe> = measured
@@ -198,27 +226,15 @@ pub fn check(
         .cloned()
         .collect();
     if usable.len() < KEYFRAMES_MIN {
-        return SetupReport::default().with_ranges(&ranges);
+        return SetupReport::default().with_ranges(&tables.ranges);
     }
     let mut assessment = assess(setup, &config.localize, measured, effort);
-    // A compass with a known mistake is useful once that is mended.
-    let is_known = |change: &Change| {
-        matches!(
-            change,
-            Change::CompassInDegrees | Change::CompassMirrored(_) | Change::CompassQuarterTurns(_)
-        )
-    };
-    let mut changes = assessment.improvements.iter().flatten();
-    // Images of another clock have the readings of other times.
-    let is_clock_wrong = ranges.iter().any(|found| found.table == Table::Images);
-    let useless_compass = (!is_clock_wrong && !changes.any(|found| is_known(&found.change)))
-        .then(|| dead_sensors::find_useless_compass(measured, assessment.explained()))
-        .flatten();
-    if useless_compass.is_some() {
-        let mut without = measured.to_vec();
-        without
-            .iter_mut()
-            .for_each(|keyframe| keyframe.compass = None);
+    let compass_fault = find_compass_fault(config, measured, &assessment, &tables);
+    let mut ranges = tables.ranges;
+    if let Some(without) = compass_fault
+        .as_ref()
+        .and_then(|fault| fault.without_ignored(measured))
+    {
         assessment = assess(setup, &config.localize, &without, effort);
     }
     let configured = &assessment.configured;
@@ -262,9 +278,11 @@ pub fn check(
             report.doubt_latency(&other);
         }
     }
-    if let Some(fault) = useless_compass {
-        report.unusable.push(Table::Compass);
-        report.doubt(format!("compass.csv: {fault}"));
+    if let Some(fault) = compass_fault {
+        if fault.is_useless {
+            report.unusable.push(Table::Compass);
+        }
+        report.doubt(format!("compass.csv: {}", fault.text));
     }
     if explained.on_markings() > FIT_FINE {
         let wheels_agree = explained
@@ -297,6 +315,34 @@ pub fn check(
         ranges.retain(|finding| finding.table != Table::Odometry);
     }
     report.with_ranges(&ranges)
+}
+
+/// The compass's fault. None if a known mistake explains its readings, since it is useful once that is mended.
+fn find_compass_fault(
+    config: &PipelineConfig,
+    measured: &[MeasuredKeyframe],
+    assessment: &Assessment,
+    tables: &TableFindings,
+) -> Option<CompassFault> {
+    let is_known = |change: &Change| {
+        matches!(
+            change,
+            Change::CompassInDegrees | Change::CompassMirrored(_) | Change::CompassQuarterTurns(_)
+        )
+    };
+    let mut changes = assessment.improvements.iter().flatten();
+    let is_wrong = |table| tables.ranges.iter().any(|found| found.table == table);
+    // Images of another clock have the readings of other times.
+    if is_wrong(Table::Images) || changes.any(|found| is_known(&found.change)) {
+        return None;
+    }
+    let stated = config.localize.compass.std_deg.to_radians();
+    let noise = tables.noise.filter(|_| !is_wrong(Table::Compass));
+    compass_faults::find_compass_fault(
+        measured,
+        assessment.explained(),
+        noise.map(|noise| [noise, stated]),
+    )
 }
 
 /// Fewer keyframes say nothing about a set-up.
