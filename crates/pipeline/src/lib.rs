@@ -29,6 +29,7 @@ pub mod feed;
 pub mod findings;
 pub mod image_faults;
 pub mod log;
+mod misplaced_images;
 
 pub mod datagram;
 pub mod multi_robot;

@@ -18,6 +18,7 @@ use crate::corrected_map;
 use crate::cycle::Cycle;
 use crate::image_faults::ImageFaults;
 use crate::log::{LogConfig, Recorder, start_log};
+use crate::misplaced_images::MisplacedImages;
 use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
 use crate::pipeline::Pipeline;
 use crate::recording::Recording;
@@ -407,6 +408,7 @@ impl RecordingRun {
         } = self;
         let mut labelled_objects = labels.is_some().then(LabelSummary::default);
         let mut image_faults = ImageFaults::default();
+        let mut misplaced = MisplacedImages::default();
         let files = recording.image_files();
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
@@ -419,6 +421,7 @@ impl RecordingRun {
             on_cycle(&cycle)?;
             let file = files.get(&cycle.stamp).map(PathBuf::as_path);
             image_faults.add_cycle(&cycle, file);
+            misplaced.add(&cycle.estimate);
             let pose = cycle.estimate.pose;
             let error = pose.and_then(|pose| score::pose_error(&truth, cycle.stamp, pose));
             statistics.add_cycle(&cycle, error);
@@ -448,6 +451,7 @@ impl RecordingRun {
         let summary = statistics.summary();
         let mut warnings = report.warnings;
         warnings.extend(nothing_located(&summary));
+        warnings.extend(misplaced.warning(&files));
         let coverage = pipeline.scan_coverage();
         Ok(RecordingSummary {
             scan_pixels: coverage.map(|(pixels, _)| pixels),
