@@ -64,7 +64,7 @@ mod tests {
         let mut misplaced = MisplacedImages::default();
         for (number, image) in images.chars().enumerate() {
             let stamp = Stamp::from_seconds(0.1 * number as f64);
-            let tracked = Estimate::tracked(stamp, Pose::default(), Matrix3::identity());
+            let tracked = Estimate::tracked(stamp, Pose::new(0.0, 0.0, 0.0), Matrix3::identity());
             let predicted = |reason| Estimate {
                 inlier_share: 0.0,
                 reason: Some(reason),

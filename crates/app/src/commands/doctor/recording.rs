@@ -32,8 +32,8 @@ pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
     match report.warnings.len() {
         0 if report.figures.is_none() => bail!("nothing could be compared"),
         0 => Ok(()),
-        1 => bail!("one doubt about the set-up"),
-        count => bail!("{count} doubts about the set-up"),
+        1 => bail!("one doubt about the recording"),
+        count => bail!("{count} doubts about the recording"),
     }
 }
 
