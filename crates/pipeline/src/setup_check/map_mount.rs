@@ -15,11 +15,12 @@ use vision::GroundMap;
 
 use super::assess::Trial;
 use super::change::Change;
+use super::effort::Effort;
 use super::measurements::{MeasuredKeyframe, measure};
 use super::origin_offset::OriginOffset;
 use super::variant::SetupVariant;
 use super::wheel_fit::angle_between;
-use super::{Effort, KEYFRAMES_MIN, assess};
+use super::{KEYFRAMES_MIN, assess};
 use crate::config::PipelineConfig;
 use crate::recording::Recording;
 use crate::setup::Setup;

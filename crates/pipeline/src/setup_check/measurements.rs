@@ -6,7 +6,7 @@ use localize::sample::{LinePoint, Odometry};
 use vision::image::Image;
 use vision::process::Vision;
 
-use super::Effort;
+use super::effort::Effort;
 use super::image_scan::{find_image_faults, summarize};
 use super::inertial_motion::{InertialCollector, InertialMotion};
 use crate::config::PipelineConfig;

@@ -13,6 +13,7 @@ mod compass_faults;
 mod compass_noise;
 mod dead_sensors;
 mod doubts;
+mod effort;
 mod field_size;
 mod field_sizes;
 mod image_scan;
@@ -37,8 +38,8 @@ use localize::setup_check::Explanation;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
-pub use assess::Effort;
 pub use collector::KeyframeCollector;
+pub use effort::Effort;
 pub use inertial_motion::InertialMotion;
 pub use map_mount::{MapMount, find_map_mount};
 pub use measurements::MeasuredKeyframe;
