@@ -125,6 +125,11 @@ impl Estimate {
         }
     }
 
+    /// Is the pose predicted by the motion alone, because no line point of this image lies on a marking at it?
+    pub fn is_predicted(&self) -> bool {
+        self.pose.is_some() && self.inlier_share == 0.0
+    }
+
     /// No pose; `covariance` of a uniform distribution over the field.
     pub fn lost(stamp: Stamp, covariance: Matrix3<f32>) -> Self {
         Estimate {

@@ -27,7 +27,9 @@ mod warm_start;
 
 pub mod feed;
 pub mod findings;
+pub mod image_faults;
 pub mod log;
+mod misplaced_images;
 
 pub mod datagram;
 pub mod multi_robot;

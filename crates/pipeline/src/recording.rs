@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use localize::frames::At;
 use localize::sample::{Compass, Imu, LinePoint, Odometry};
 use localize::{Pose, Stamp};
-use vision::image::{CommonOrientation, Image};
+use vision::{CommonOrientation, Image, Orientation, VisionError};
 
 use crate::csv_table::{CsvRow, CsvTable};
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
@@ -41,7 +41,32 @@ pub struct Recording {
     frames: usize,
     /// Tables of which only one is used.
     notice: Option<String>,
+    images: ImageLoader,
+}
+
+/// Loads the images of one camera in their order.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct ImageLoader {
     orientation: CommonOrientation,
+}
+
+impl ImageLoader {
+    /// An image whose EXIF orientation is that of the images before.
+    pub(crate) fn load(&mut self, path: &Path) -> Result<Image, String> {
+        self.accept(path, Image::load_with_orientation(path))
+    }
+
+    /// As [`ImageLoader::load`], of a file that was read already.
+    pub(crate) fn accept(
+        &mut self,
+        path: &Path,
+        loaded: Result<(Image, Orientation), VisionError>,
+    ) -> Result<Image, String> {
+        let (image, orientation) = loaded.map_err(|error| error.to_string())?;
+        self.orientation
+            .check(&path.display().to_string(), orientation)?;
+        Ok(image)
+    }
 }
 
 /// A table of a recording.
@@ -203,7 +228,7 @@ impl Recording {
             events: events.into_iter(),
             frames,
             notice,
-            orientation: CommonOrientation::default(),
+            images: ImageLoader::default(),
         })
     }
 
@@ -229,13 +254,19 @@ impl Recording {
         self.events = kept.collect::<Vec<_>>().into_iter();
     }
 
-    /// An image whose EXIF orientation is that of the images before.
-    fn load_image(&mut self, path: &Path) -> Result<Image, String> {
-        let (image, orientation) =
-            Image::load_with_orientation(path).map_err(|error| error.to_string())?;
-        self.orientation
-            .check(&path.display().to_string(), orientation)?;
-        Ok(image)
+    /// Files of the images that are still to come, relative to the folder.
+    pub(crate) fn image_files(&self) -> BTreeMap<Stamp, PathBuf> {
+        let events = self.remaining_samples().iter();
+        let files = events.filter_map(|event| match &event.data {
+            RecordedData::Image(path) => Some((event.stamp, self.relative(path).to_owned())),
+            _ => None,
+        });
+        files.collect()
+    }
+
+    /// A file of the folder without the folder's path.
+    pub(crate) fn relative<'a>(&self, path: &'a Path) -> &'a Path {
+        path.strip_prefix(&self.folder).unwrap_or(path)
     }
 
     /// The samples that are still to come, images as paths.
@@ -258,7 +289,7 @@ impl Iterator for Recording {
                 points,
                 goals: Vec::new(),
             },
-            RecordedData::Image(path) => match self.load_image(&path) {
+            RecordedData::Image(path) => match self.images.load(&path) {
                 Ok(image) => ImageContent::Pixels(image.into()),
                 Err(reason) => ImageContent::Unreadable(reason),
             },

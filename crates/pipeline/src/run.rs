@@ -16,7 +16,9 @@ use vision::config::ObjectDetectionConfig;
 use crate::config::PipelineConfig;
 use crate::corrected_map;
 use crate::cycle::Cycle;
+use crate::image_faults::ImageFaults;
 use crate::log::{LogConfig, Recorder, start_log};
+use crate::misplaced_images::MisplacedImages;
 use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
 use crate::pipeline::Pipeline;
 use crate::recording::Recording;
@@ -324,6 +326,8 @@ pub struct RecordingSummary {
     pub summary: Summary,
     /// Sentences about a doubtful set-up, and about a recording without a pose; empty when all is well.
     pub warnings: Vec<String>,
+    /// Images that could not be used.
+    pub image_faults: ImageFaults,
     /// How well the set-up fits. None for too few frames.
     pub setup: Option<FitFigures>,
     /// Distinct pixels that the scan lines read.
@@ -403,6 +407,9 @@ impl RecordingRun {
             labels,
         } = self;
         let mut labelled_objects = labels.is_some().then(LabelSummary::default);
+        let mut image_faults = ImageFaults::default();
+        let mut misplaced = MisplacedImages::default();
+        let files = recording.image_files();
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
         let mut statistics = RunStatistics::new(&setup);
@@ -412,6 +419,9 @@ impl RecordingRun {
             .unwrap_or(ObjectDetectionConfig::default().viewpoint_height);
         for cycle in recording.filter_map(|sample| pipeline.process_sample(sample)) {
             on_cycle(&cycle)?;
+            let file = files.get(&cycle.stamp).map(PathBuf::as_path);
+            image_faults.add_cycle(&cycle, file);
+            misplaced.add(&cycle.estimate);
             let pose = cycle.estimate.pose;
             let error = pose.and_then(|pose| score::pose_error(&truth, cycle.stamp, pose));
             statistics.add_cycle(&cycle, error);
@@ -441,12 +451,14 @@ impl RecordingRun {
         let summary = statistics.summary();
         let mut warnings = report.warnings;
         warnings.extend(nothing_located(&summary));
+        warnings.extend(misplaced.warning(&files));
         let coverage = pipeline.scan_coverage();
         Ok(RecordingSummary {
             scan_pixels: coverage.map(|(pixels, _)| pixels),
             scan_share: coverage.map(|(_, share)| share),
             detections: detections.summary(),
             warnings,
+            image_faults,
             setup: report.figures,
             labelled_objects,
             summary,
@@ -457,7 +469,7 @@ impl RecordingRun {
 /// A warning if frames could be used and none has a pose.
 fn nothing_located(summary: &Summary) -> Option<String> {
     let usable = summary.frames - summary.unreadable.min(summary.frames);
-    let is_lost = usable > 0 && summary.tracking + summary.global == 0;
+    let is_lost = usable > 0 && summary.tracking + summary.predicted + summary.global == 0;
     is_lost.then(|| {
         format!(
             "no pose in any of {usable} frames: the column reason of the poses says why. The field, the camera's mount or the \

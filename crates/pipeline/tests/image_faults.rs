@@ -132,7 +132,8 @@ fn assert_named(
 
 #[test]
 fn black_image_and_lens_cap_are_named() -> Result<()> {
-    assert_named("demo.toml", "dark", |image, _, _| image.rgb.fill(0))?;
+    let black = "dark: 99 % of it is black (0 of 255)";
+    assert_named("demo.toml", black, |image, _, _| image.rgb.fill(0))?;
     let mut seed = 1;
     // A cap, and a sensor with an offset and noise.
     assert_named("hall_dim.toml", "dark", |image, _, _| {

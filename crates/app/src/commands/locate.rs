@@ -7,7 +7,6 @@ use anyhow::Result;
 use crate::commands::arguments::{self, UsageError};
 use crate::interrupt;
 use pipeline::PipelineConfig;
-use pipeline::csv_table::format_seconds;
 use pipeline::result_files::CsvOutputs;
 use pipeline::run::{RecordingOptions, RecordingRun, ensure_usable};
 
@@ -81,16 +80,15 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let mut outputs = CsvOutputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
     let bar = crate::progress::bar(run.frames() as u64, "frames");
     let result = run.run(|cycle| {
-        if let Some(fault) = &cycle.image_fault {
-            let stamp = format_seconds(cycle.stamp);
-            bar.suspend(|| eprintln!("frame at {stamp} s skipped: {fault}"));
-        }
         outputs.write(cycle)?;
         bar.inc(1);
         interrupt::check()
     })?;
     bar.finish_and_clear();
     outputs.finish()?;
+    for sentence in result.image_faults.sentences() {
+        eprintln!("{sentence}");
+    }
     for warning in result.warnings.iter().skip(setup_warnings) {
         eprintln!("warning: {warning}");
     }

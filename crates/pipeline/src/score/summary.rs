@@ -1,5 +1,6 @@
 //! What are the results of a run? Errors, detections and durations, as text and as data.
 
+use localize::estimate::Mode;
 use localize::frames::{At, RobotFrame};
 use localize::tilt::ground_from_map;
 use serde::Serialize;
@@ -21,8 +22,10 @@ const BALL_TOLERANCE: (f32, f32) = (0.15, 0.1);
 pub struct Summary {
     /// Number of images.
     pub frames: usize,
-    /// Images in mode tracking.
+    /// Images in mode tracking that were matched to the field.
     pub tracking: usize,
+    /// Images in mode tracking whose pose is predicted by the motion alone: the image could not be used or matched.
+    pub predicted: usize,
     /// Images in mode global.
     pub global: usize,
     /// Images in mode lost.
@@ -75,6 +78,7 @@ pub struct RunStatistics {
     /// Height of the mirror's viewpoint, metres.
     viewpoint_height: f32,
     modes: [usize; 3],
+    predicted: usize,
     unreadable: usize,
     line_points: Vec<f64>,
     position: Vec<f64>,
@@ -96,6 +100,7 @@ impl RunStatistics {
                 .viewpoint_height
                 .unwrap_or(ObjectDetectionConfig::default().viewpoint_height),
             modes: [0; 3],
+            predicted: 0,
             unreadable: 0,
             line_points: Vec::new(),
             position: Vec::new(),
@@ -111,7 +116,12 @@ impl RunStatistics {
 
     /// Adds a cycle, with its error if the truth is known.
     pub fn add_cycle(&mut self, cycle: &Cycle, error: Option<PoseError>) {
-        self.modes[cycle.estimate.mode as usize] += 1;
+        let estimate = &cycle.estimate;
+        if estimate.mode == Mode::Tracking && estimate.is_predicted() {
+            self.predicted += 1;
+        } else {
+            self.modes[estimate.mode as usize] += 1;
+        }
         self.unreadable += usize::from(cycle.image_fault.is_some());
         self.line_points.push(cycle.line_points.len() as f64);
         self.see_ms.push(f64::from(cycle.timings.see_ms));
@@ -170,6 +180,7 @@ impl RunStatistics {
         Summary {
             frames: self.line_points.len(),
             tracking,
+            predicted: self.predicted,
             global,
             lost,
             unreadable: self.unreadable,
@@ -199,10 +210,14 @@ impl Summary {
     pub fn print(&self) {
         let unreadable = match self.unreadable {
             0 => String::new(),
-            count => format!("; {count} could not be read"),
+            count => format!("; {count} could not be used"),
+        };
+        let predicted = match self.predicted {
+            0 => String::new(),
+            count => format!("{count} predicted (no image matched), "),
         };
         println!(
-            "{}: {} tracked, {} found anew, {} lost{unreadable}",
+            "{}: {} tracked, {predicted}{} found anew, {} lost{unreadable}",
             pluralize(self.frames, "frame"),
             self.tracking,
             self.global,

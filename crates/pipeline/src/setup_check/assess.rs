@@ -9,21 +9,13 @@ use localize::setup_check::{Comparison, Explanation, FieldTables, compare, expla
 use rayon::prelude::*;
 
 use super::change::Change;
+use super::effort::Effort;
 use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
 use super::measurements::{MeasuredKeyframe, thin_out};
 use super::variant::SetupVariant;
 use crate::paths;
 use crate::setup::Setup;
-
-/// How much is tried.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Effort {
-    /// Only what could be wrong by the fit of the configured set-up: for each run.
-    Brief,
-    /// Everything: for the doctor.
-    Full,
-}
 
 /// A change that explains the measurements better.
 #[derive(Debug, Clone, PartialEq)]

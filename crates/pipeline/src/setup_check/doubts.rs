@@ -4,12 +4,12 @@ use localize::math;
 use localize::setup_check::Explanation;
 use nalgebra::Matrix3;
 
-use super::SetupReport;
 use super::assess::{Assessment, FIRM_MIN, SENSORS_FINE};
 use super::change::Change;
 use super::latency::OtherLatency;
 use super::origin_offset::OriginOffset;
 use super::ranges::RangeFinding;
+use super::report::SetupReport;
 use super::unknown_pose_covariance;
 use crate::recording::Table;
 use crate::setup::Setup;

@@ -15,6 +15,7 @@ use vision::GroundMap;
 
 use super::assess::Trial;
 use super::change::Change;
+use super::effort::Effort;
 use super::measurements::{MeasuredKeyframe, measure};
 use super::origin_offset::OriginOffset;
 use super::variant::SetupVariant;
@@ -87,7 +88,7 @@ pub fn find_map_mount(
         setup.traced_mirror.is_none(),
         "the robot has no calibrated map, but a mirror profile: `mirrorball doctor --recording` names forward_deg, flipped and centre_px"
     );
-    let mut measured = measure(recording, setup, config)?;
+    let mut measured = measure(recording, setup, config, Effort::Brief)?.keyframes;
     measured.retain(|keyframe| keyframe.points.len() >= config.localize.mode.points_min);
     ensure!(
         measured.len() >= KEYFRAMES_MIN,

@@ -6,8 +6,11 @@ use localize::sample::{LinePoint, Odometry};
 use vision::image::Image;
 use vision::process::Vision;
 
+use super::effort::Effort;
+use super::image_scan::{find_image_faults, summarize};
 use super::inertial_motion::{InertialCollector, InertialMotion};
 use crate::config::PipelineConfig;
+use crate::image_faults::ImageFaults;
 use crate::recording::{RecordedData, Recording};
 use crate::setup::Setup;
 
@@ -24,7 +27,7 @@ pub(super) const ODOMETRY_GAP_MAX: f64 = 1.0;
 /// Rows of the odometry this far from an image give the velocity at it, seconds.
 const VELOCITY_REACH: f64 = 0.05;
 /// Largest age of a compass reading at an image, seconds.
-const COMPASS_AGE_MAX: f64 = 0.5;
+pub(super) const COMPASS_AGE_MAX: f64 = 0.5;
 
 /// What was measured at one image and since the keyframe before it.
 #[derive(Debug, Clone, Default)]
@@ -55,15 +58,43 @@ struct TimelineEntry {
     inertial: Option<InertialMotion>,
     /// Motion since the previous image, metres.
     progress: f32,
+    /// False for an image that is known to be no image of the field.
+    usable: bool,
 }
 
-/// Selects keyframes of a recording and detects their line points.
+/// What was measured in a recording.
+pub(super) struct Measured {
+    pub(super) keyframes: Vec<MeasuredKeyframe>,
+    /// None if not every image was checked.
+    pub(super) image_faults: Option<ImageFaults>,
+}
+
+/// Selects keyframes of a recording and detects their line points. Images that cannot be used have none. With full effort every
+/// image is checked first, and the keyframes are usable ones.
 pub(super) fn measure(
     recording: &Recording,
     setup: &Setup,
     config: &PipelineConfig,
-) -> Result<Vec<MeasuredKeyframe>> {
-    let entries = select(timeline(recording, setup));
+    effort: Effort,
+) -> Result<Measured> {
+    let mut entries = timeline(recording, setup);
+    let images: Vec<usize> = entries.iter().map(|entry| entry.index).collect();
+    let find_faults = |images: &[usize]| find_image_faults(recording, setup, config, images);
+    let (entries, faults, image_faults) = match effort {
+        Effort::Full => {
+            let faults = find_faults(&images);
+            for entry in &mut entries {
+                entry.usable = !faults.contains_key(&entry.index);
+            }
+            let summary = summarize(recording, &images, &faults);
+            (select(entries), faults, Some(summary))
+        }
+        Effort::Brief => {
+            let entries = select(entries);
+            let faults = find_faults(&with_predecessors(&entries, &images));
+            (entries, faults, None)
+        }
+    };
     let mut vision = match &setup.camera {
         Some((camera, map)) => Some(Vision::with_mask(
             map,
@@ -90,7 +121,7 @@ pub(super) fn measure(
         };
         match &recording.remaining_samples()[entry.index].data {
             RecordedData::Points(points) => keyframe.points.clone_from(points),
-            RecordedData::Image(path) => {
+            RecordedData::Image(path) if !faults.contains_key(&entry.index) => {
                 let (Some(vision), Ok(image)) = (&mut vision, Image::load(path)) else {
                     continue;
                 };
@@ -105,11 +136,25 @@ pub(super) fn measure(
                     keyframe.pixels = found.iter().map(|found| found.position_px).collect();
                 }
             }
-            _ => continue,
+            _ => {}
         }
         keyframes.push(keyframe);
     }
-    Ok(keyframes)
+    Ok(Measured {
+        keyframes,
+        image_faults,
+    })
+}
+
+/// The keyframes' images, each behind the image before it: only these tell a frozen camera. `images`: indices of all.
+fn with_predecessors(keyframes: &[TimelineEntry], images: &[usize]) -> Vec<usize> {
+    let mut wanted: Vec<usize> = Vec::new();
+    for keyframe in keyframes {
+        let after = images.partition_point(|index| *index <= keyframe.index);
+        wanted.extend(&images[after.saturating_sub(2)..after]);
+    }
+    wanted.dedup();
+    wanted
 }
 
 fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
@@ -157,6 +202,7 @@ fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
                     velocity: velocity_at(&motion, event.stamp),
                     inertial: inertial.take_motion(),
                     progress: moved + METRES_PER_SECOND * seconds.clamp(0.0, 4.0),
+                    usable: true,
                 });
                 rows.clear();
                 connected = true;
@@ -203,11 +249,12 @@ pub(super) fn wheel_path(rows: Option<&[[f32; 3]]>) -> f32 {
         .sum()
 }
 
-/// Evenly spaced entries; the motion of those between is joined.
+/// Evenly spaced entries among the usable ones; the motion of those between is joined.
 fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
-    let total: f32 = entries.iter().map(|entry| entry.progress).sum();
+    let usable = || entries.iter().filter(|entry| entry.usable);
+    let total: f32 = usable().map(|entry| entry.progress).sum();
     let spacing = (total / KEYFRAMES_MAX as f32).max(SPACING_MIN);
-    let stride = entries.len().div_ceil(KEYFRAMES_MAX);
+    let stride = usable().count().div_ceil(KEYFRAMES_MAX).max(1);
     // Wheels that report no motion may be wrong: the images decide (`dead_sensors`).
     let path: f32 = entries
         .iter()
@@ -218,7 +265,8 @@ fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
     let mut skipped: Option<Vec<[f32; 3]>> = Some(Vec::new());
     let mut skipped_inertial: Option<InertialMotion> = None;
     let mut progress = f32::INFINITY;
-    for (position, mut entry) in entries.into_iter().enumerate() {
+    let mut position = 0;
+    for mut entry in entries {
         progress += entry.progress;
         skipped = skipped.zip(entry.odometry.take()).map(|(mut all, rows)| {
             all.extend(rows);
@@ -230,6 +278,10 @@ fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
         } else {
             position % stride == 0
         };
+        if !entry.usable {
+            continue;
+        }
+        position += 1;
         if due && selected.len() < KEYFRAMES_MAX {
             entry.odometry = skipped.take().filter(|_| !selected.is_empty());
             entry.inertial = skipped_inertial.take();

@@ -1,18 +1,23 @@
 //! Is the set-up right? Tries other fields, camera mounts, compass turns and units on the same measurements.
 //!
 //! `ranges` reads what the tables betray, `measurements` selects keyframes, `assess` compares variants of the set-up
-//! (`variant`, `change`) by `localize::setup_check`, `origin_offset` where the wheels turn, `dead_sensors` and `inertial` find sensors that say nothing or lie. The report has warnings for every run and suggestions for the
+//! (`variant`, `change`) by `localize::setup_check`, `origin_offset` where the wheels turn, `dead_sensors`, `compass_faults` and `inertial` find
+//! sensors that say nothing or lie, `image_scan` images that show no field. The report has warnings for every run and suggestions for the
 //! doctor.
 
 mod assess;
 mod camera_search;
 mod change;
 mod collector;
+mod compass_faults;
+mod compass_noise;
 mod dead_sensors;
 mod doubts;
+mod effort;
 mod expected_mount;
 mod field_size;
 mod field_sizes;
+mod image_scan;
 mod inertial;
 mod inertial_motion;
 mod latency;
@@ -21,6 +26,7 @@ mod measurements;
 mod motion_search;
 mod origin_offset;
 mod ranges;
+mod report;
 #[cfg(test)]
 mod tests;
 mod variant;
@@ -30,122 +36,28 @@ use std::path::Path;
 
 use anyhow::Result;
 use localize::field::FieldConfig;
-use localize::setup_check::{Explanation, compare};
+use localize::setup_check::compare;
 use nalgebra::{Matrix3, Vector3};
-use serde::Serialize;
 
-pub use assess::Effort;
 pub use collector::KeyframeCollector;
+pub use effort::Effort;
 pub use inertial_motion::InertialMotion;
 pub use map_mount::{MapMount, find_map_mount};
 pub use measurements::MeasuredKeyframe;
 pub use ranges::RangeFinding;
+pub use report::{FitFigures, SetupReport, Suggestion};
 
 use crate::config::PipelineConfig;
+use crate::image_faults::ImageFaults;
 use crate::log::{LogReader, UnpackedSetup};
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
 use assess::{Assessment, Improvement, assess, compass_agreement_in_degrees};
 use change::Change;
+use compass_faults::CompassFault;
 use dead_sensors::FIT_FINE;
 use field_size::{Axis, FieldSize};
 use variant::SetupVariant;
-
-/// How well the set-up explains its measurements.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct FitFigures {
-    /// Keyframes that were compared.
-    pub keyframes: usize,
-    /// Share of the measurements that are explained: the shares below, multiplied.
-    pub fit: f32,
-    /// Share of the line points on markings.
-    pub on_markings: f32,
-    /// True if they lie there by a mount of the camera that the images tell, and not by the map as given.
-    pub mount_learned: bool,
-    /// Root mean square distance of these points from the markings, metres.
-    pub residual_m: f32,
-    /// How far the wheels' steps agree with those of the poses, at most 1. None without odometry.
-    pub wheels_agree: Option<f32>,
-    /// Share of the compass readings that agree with the poses. None without a compass.
-    pub compass_agrees: Option<f32>,
-}
-
-impl FitFigures {
-    /// The figures as one line.
-    pub fn text(&self) -> String {
-        let sensor = |name: &str, share: Option<f32>| {
-            share.map_or_else(String::new, |share| {
-                format!("; {name} {:.0} %", 100.0 * share)
-            })
-        };
-        format!(
-            "set-up: {:.0} % of the line points on markings{}, {:.1} cm off{}{}",
-            100.0 * self.on_markings,
-            if self.mount_learned {
-                " by the mount that the images tell"
-            } else {
-                ""
-            },
-            100.0 * self.residual_m,
-            sensor("wheels agree with", self.wheels_agree),
-            sensor("compass with", self.compass_agrees),
-        )
-    }
-}
-
-/// An edit that makes the set-up explain the measurements better.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Suggestion {
-    /// The edit to make.
-    pub change: String,
-    /// What is probably wrong.
-    pub cause: String,
-    /// False for a candidate: with it the measurements are explained better, but not well.
-    pub firm: bool,
-    /// Share of the measurements that are explained without it.
-    pub fit_before: f32,
-    /// Share of the measurements that are explained with it.
-    pub fit_after: f32,
-    /// Logarithm of the likelihood ratio. None where a table's range betrays the mistake.
-    pub gain: Option<f32>,
-    /// Number of the change: those of one number are alternatives, higher numbers come on top.
-    pub step: usize,
-}
-
-impl Suggestion {
-    /// What the edit explains, in words.
-    pub fn explained_text(&self) -> String {
-        explained_text(self.fit_before, self.fit_after)
-    }
-}
-
-fn explained_text(before: f32, after: f32) -> String {
-    let [before, after] = [before, after].map(|share| (100.0 * share).round());
-    if after > before {
-        format!("explains {after} % instead of {before} %")
-    } else {
-        "explains as much, more exactly".to_owned()
-    }
-}
-
-/// What the check of a set-up found.
-#[derive(Debug, Clone, Default, Serialize)]
-pub struct SetupReport {
-    /// Fit of the configured set-up. None if nothing could be compared.
-    pub figures: Option<FitFigures>,
-    /// One sentence per doubt; empty when all is well.
-    pub warnings: Vec<String>,
-    /// Those of the warnings for which no edit is known.
-    pub doubts: Vec<String>,
-    /// Edits, the first one first.
-    pub suggestions: Vec<Suggestion>,
-    /// Covariance that the poses of this set-up have at least.
-    #[serde(skip)]
-    pub added_pose_covariance: Option<Matrix3<f32>>,
-    /// Tables in a wrong unit, which are left out.
-    #[serde(skip)]
-    pub unusable: Vec<Table>,
-}
 
 /// Position error that remains under a wrong field, metres, and heading error, radians.
 const DOUBT_STD: (f32, f32) = (0.25, 0.1);
@@ -160,8 +72,11 @@ pub fn check_recording(
     effort: Effort,
 ) -> Result<SetupReport> {
     let ranges = ranges::check_ranges(recording);
-    let measured = measurements::measure(recording, setup, config)?;
-    Ok(check(setup, config, &measured, ranges, effort))
+    let measured = measurements::measure(recording, setup, config, effort)?;
+    let noise = compass_noise::recording_noise(recording);
+    let tables = TableFindings { ranges, noise };
+    let report = check_tables(setup, config, &measured.keyframes, &tables, effort);
+    Ok(report.with_image_faults(measured.image_faults))
 }
 
 /// Checks the set-up that a log holds by the line points, wheels and compass that it recorded.
@@ -170,21 +85,31 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
     let unpacked = UnpackedSetup::load(log.header())?;
     let config = unpacked.config()?;
     let mut keyframes = KeyframeCollector::new(&unpacked.setup);
+    let mut faults = ImageFaults::default();
     for logged in log {
-        keyframes.add_cycle(&logged?.cycle);
+        let cycle = logged?.cycle;
+        keyframes.add_cycle(&cycle);
+        faults.add_cycle(&cycle, None);
     }
-    Ok(check(
+    let report = check(
         &unpacked.setup,
         &config,
         &keyframes.keyframes(),
         Vec::new(),
         effort,
-    ))
+    );
+    Ok(report.with_image_faults(Some(faults)))
+}
+
+/// What the tables of a recording say without its images.
+#[derive(Default)]
+struct TableFindings {
+    ranges: Vec<RangeFinding>,
+    /// Standard deviation of the compass from one reading to the next, radians.
+    noise: Option<f32>,
 }
 
 /// Checks a set-up by measured keyframes; `ranges`: findings in the tables that they come from.
-///
-/// What looks wrong is looked at again by the mount of the camera that the images tell, if it is one that localization expects.
 pub fn check(
     setup: &Setup,
     config: &PipelineConfig,
@@ -192,7 +117,22 @@ pub fn check(
     ranges: Vec<RangeFinding>,
     effort: Effort,
 ) -> SetupReport {
-    let (given, assessment) = check_points(setup, config, measured, ranges.clone(), effort);
+    let tables = TableFindings {
+        ranges,
+        noise: None,
+    };
+    check_tables(setup, config, measured, &tables, effort)
+}
+
+/// What looks wrong is looked at again by the mount of the camera that the images tell, if it is one that localization expects.
+fn check_tables(
+    setup: &Setup,
+    config: &PipelineConfig,
+    measured: &[MeasuredKeyframe],
+    tables: &TableFindings,
+    effort: Effort,
+) -> SetupReport {
+    let (given, assessment) = check_points(setup, config, measured, tables, effort);
     if given.warnings.is_empty() {
         return given;
     }
@@ -201,7 +141,7 @@ pub fn check(
     let Some(by_mount) = by_mount else {
         return given;
     };
-    let (mut report, with_mount) = check_points(setup, config, &by_mount, ranges, effort);
+    let (mut report, with_mount) = check_points(setup, config, &by_mount, tables, effort);
     if let Some(figures) = &mut report.figures {
         figures.mount_learned = true;
     }
@@ -236,7 +176,7 @@ fn check_points(
     setup: &Setup,
     config: &PipelineConfig,
     measured: &[MeasuredKeyframe],
-    mut ranges: Vec<RangeFinding>,
+    tables: &TableFindings,
     effort: Effort,
 ) -> (SetupReport, Assessment) {
     let usable: Vec<MeasuredKeyframe> = measured
@@ -246,29 +186,17 @@ fn check_points(
         .collect();
     if usable.len() < KEYFRAMES_MIN {
         return (
-            SetupReport::default().with_ranges(&ranges),
+            SetupReport::default().with_ranges(&tables.ranges),
             Assessment::default(),
         );
     }
     let mut assessment = assess(setup, &config.localize, measured, effort);
-    // A compass with a known mistake is useful once that is mended.
-    let is_known = |change: &Change| {
-        matches!(
-            change,
-            Change::CompassInDegrees | Change::CompassMirrored(_) | Change::CompassQuarterTurns(_)
-        )
-    };
-    let mut changes = assessment.improvements.iter().flatten();
-    // Images of another clock have the readings of other times.
-    let is_clock_wrong = ranges.iter().any(|found| found.table == Table::Images);
-    let useless_compass = (!is_clock_wrong && !changes.any(|found| is_known(&found.change)))
-        .then(|| dead_sensors::find_useless_compass(measured, assessment.explained()))
-        .flatten();
-    if useless_compass.is_some() {
-        let mut without = measured.to_vec();
-        without
-            .iter_mut()
-            .for_each(|keyframe| keyframe.compass = None);
+    let compass_fault = find_compass_fault(config, measured, &assessment, tables);
+    let mut ranges = tables.ranges.clone();
+    if let Some(without) = compass_fault
+        .as_ref()
+        .and_then(|fault| fault.without_ignored(measured))
+    {
         assessment = assess(setup, &config.localize, &without, effort);
     }
     let configured = &assessment.configured;
@@ -287,7 +215,7 @@ fn check_points(
         }
     }
     let mut report = SetupReport {
-        figures: Some(figures(configured)),
+        figures: Some(FitFigures::of(configured)),
         ..SetupReport::default()
     };
     report.add_improvements(setup, &assessment);
@@ -312,9 +240,11 @@ fn check_points(
             report.doubt_latency(&other);
         }
     }
-    if let Some(fault) = useless_compass {
-        report.unusable.push(Table::Compass);
-        report.doubt(format!("compass.csv: {fault}"));
+    if let Some(fault) = compass_fault {
+        if fault.is_useless {
+            report.unusable.push(Table::Compass);
+        }
+        report.doubt(format!("compass.csv: {}", fault.text));
     }
     if explained.on_markings() > FIT_FINE {
         let wheels_agree = explained
@@ -349,20 +279,36 @@ fn check_points(
     (report.with_ranges(&ranges), assessment)
 }
 
+/// The compass's fault. None if a known mistake explains its readings, since it is useful once that is mended.
+fn find_compass_fault(
+    config: &PipelineConfig,
+    measured: &[MeasuredKeyframe],
+    assessment: &Assessment,
+    tables: &TableFindings,
+) -> Option<CompassFault> {
+    let is_known = |change: &Change| {
+        matches!(
+            change,
+            Change::CompassInDegrees | Change::CompassMirrored(_) | Change::CompassQuarterTurns(_)
+        )
+    };
+    let mut changes = assessment.improvements.iter().flatten();
+    let is_wrong = |table| tables.ranges.iter().any(|found| found.table == table);
+    // Images of another clock have the readings of other times.
+    if is_wrong(Table::Images) || changes.any(|found| is_known(&found.change)) {
+        return None;
+    }
+    let stated = config.localize.compass.std_deg.to_radians();
+    let noise = tables.noise.filter(|_| !is_wrong(Table::Compass));
+    compass_faults::find_compass_fault(
+        measured,
+        assessment.explained(),
+        noise.map(|noise| [noise, stated]),
+    )
+}
+
 /// Fewer keyframes say nothing about a set-up.
 const KEYFRAMES_MIN: usize = 4;
-
-fn figures(explanation: &Explanation) -> FitFigures {
-    FitFigures {
-        keyframes: explanation.keyframes.len(),
-        fit: explanation.fit(),
-        on_markings: explanation.on_markings(),
-        mount_learned: false,
-        residual_m: explanation.residual(),
-        wheels_agree: explanation.wheels_agree(),
-        compass_agrees: explanation.compass_agrees(),
-    }
-}
 
 /// Covariance of a uniform distribution of poses on the carpet.
 fn unknown_pose_covariance(setup: &Setup) -> Matrix3<f32> {
@@ -434,55 +380,4 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
     let floor = floor.component_mul(&floor) + resized.component_mul(&resized);
     let floor = Matrix3::from_diagonal(&floor);
     Some(sum / count.max(1.0) + floor)
-}
-
-impl SetupReport {
-    /// Adds the edits with which the measurements fit better, and a warning for the best one of each step.
-    fn add_improvements(&mut self, setup: &Setup, assessment: &Assessment) {
-        let mut before = &assessment.configured;
-        for (step, alternatives) in assessment.improvements.iter().enumerate() {
-            self.suggestions
-                .extend(alternatives.iter().map(|improvement| Suggestion {
-                    change: improvement.change.text(setup, &improvement.after),
-                    cause: improvement.change.cause().to_owned(),
-                    firm: improvement.is_firm(),
-                    fit_before: before.fit(),
-                    fit_after: improvement.explanation.fit(),
-                    gain: Some(improvement.comparison.gain),
-                    step: step + 1,
-                }));
-            let Some(best) = alternatives.first() else {
-                continue;
-            };
-            let perhaps = if best.is_firm() { "" } else { "perhaps " };
-            self.warnings.push(format!(
-                "{perhaps}{}: the measurements fit better with `{}` ({})",
-                best.change.cause(),
-                best.change.text(setup, &best.after),
-                explained_text(before.fit(), best.explanation.fit()),
-            ));
-            before = &best.explanation;
-        }
-    }
-
-    /// Adds what the ranges of the tables betray.
-    fn with_ranges(mut self, ranges: &[RangeFinding]) -> Self {
-        for finding in ranges {
-            self.warnings
-                .push(format!("{} `{}`", finding.found, finding.change));
-            self.suggestions.push(Suggestion {
-                change: finding.change.clone(),
-                cause: finding.found.clone(),
-                firm: true,
-                fit_before: finding.fit[0],
-                fit_after: finding.fit[1],
-                gain: None,
-                step: self.suggestions.last().map_or(0, |last| last.step) + 1,
-            });
-            if finding.table != Table::Images {
-                self.unusable.push(finding.table);
-            }
-        }
-        self
-    }
 }

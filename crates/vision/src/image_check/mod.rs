@@ -24,10 +24,11 @@ use seam::SeamFinder;
 pub enum ImageFault {
     /// No light reaches the sensor.
     #[error(
-        "the image is dark: 99 % of it below {level:.0} of 255 (lens cap, light off, or exposure too short)"
+        "the image is dark: 99 % of it is {} (lens cap, light off, or exposure too short)",
+        darkness(*level)
     )]
     Dark {
-        /// Brightness that 99 % of the samples do not reach.
+        /// Brightness that 99 % of the samples do not exceed.
         level: f32,
     },
     /// All samples are saturated.
@@ -72,6 +73,15 @@ pub enum ImageFault {
         /// Rotation in the image, counter-clockwise.
         turn_deg: u32,
     },
+}
+
+/// A brightness that is not exceeded, in words.
+fn darkness(level: f32) -> String {
+    if level < 1.0 {
+        "black (0 of 255)".to_owned()
+    } else {
+        format!("no brighter than {level:.0} of 255")
+    }
 }
 
 /// Longer gaps separate images that need not follow each other, seconds.

@@ -51,7 +51,7 @@ pub(super) struct RowRun {
     pub(super) last: usize,
 }
 
-/// Brightness that 1 % and 99 % of the samples do not reach.
+/// Brightness that 1 % and 99 % of the samples do not exceed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Levels {
     pub(super) lower: f32,

@@ -67,15 +67,13 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         println!("{}", serde_json::to_string(&outcome)?);
         return Ok(());
     }
-    for image in &residuals {
-        match &image.left_out {
-            None => println!(
-                "{}: {} points, {:.2} px",
-                image.name, image.points, image.rms_px
-            ),
-            Some(reason) => println!("{}: left out: {reason}", image.name),
-        }
+    for image in residuals.iter().filter(|image| image.left_out.is_none()) {
+        println!(
+            "{}: {} points, {:.2} px",
+            image.name, image.points, image.rms_px
+        );
     }
+    images::print_left_out(&residuals);
     println!("{} of {} images used", outcome.used, outcome.images);
     if let Some(rms) = outcome.rms_px {
         println!("residual: {rms:.2} px");

@@ -10,7 +10,7 @@ use vision::overlay::{self, Rgb};
 
 use crate::pictures::text::{LETTER_HEIGHT_PX, draw_text};
 
-use super::images::{SkippedImage, load_drive_images};
+use super::images::{SkippedImage, load_drive_images, print_left_out};
 use pipeline::PipelineConfig;
 use pipeline::csv_table::CsvWriter;
 use pipeline::setup::Setup;
@@ -94,9 +94,7 @@ pub(super) fn run(args: &SizesArgs, json: bool) -> Result<()> {
             format!("({})", px(row.ball_px_by_map)),
         );
     }
-    for left_out in &outcome.left_out {
-        println!("{}: left out: {}", left_out.file, left_out.reason);
-    }
+    print_left_out(&calibration.images);
     println!(
         "residual: lines {} px of {} crossings, ball {} px of {} images",
         px(outcome.line_rms_px),

@@ -32,14 +32,22 @@ pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
     match report.warnings.len() {
         0 if report.figures.is_none() => bail!("nothing could be compared"),
         0 => Ok(()),
-        1 => bail!("one doubt about the set-up"),
-        count => bail!("{count} doubts about the set-up"),
+        1 => bail!("one doubt about the recording"),
+        count => bail!("{count} doubts about the recording"),
     }
+}
+
+fn has_bad_images(report: &SetupReport) -> bool {
+    let faults = report.image_faults.as_ref();
+    faults.is_some_and(|faults| !faults.problems.is_empty())
 }
 
 fn print(report: &SetupReport) {
     match &report.figures {
         Some(figures) => println!("{} ({} keyframes)", figures.text(), figures.keyframes),
+        None if has_bad_images(report) => {
+            println!("too few images can be used to compare set-ups");
+        }
         None => {
             println!("too few images with line points, or too little motion, to compare set-ups")
         }
