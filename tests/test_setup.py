@@ -112,7 +112,8 @@ def test_locate_warns_of_a_mistake_and_no_pose_is_confidently_wrong(mistake: str
     assert any(EDITS[mistake] in warning for warning in result["warnings"]), result["warnings"]
     assert EDITS[mistake] in errors
     rows = [row for row in poses(tmp_path / "poses.csv") if row["x_m"]]
-    if mistake in {"small_field", "narrow_field", "not_flipped", "forward_right", "centre_off", "centre_far_off"}:
+    # A centre that is a little off is such a mount as localization learns.
+    if mistake in {"small_field", "narrow_field", "not_flipped", "forward_right", "centre_far_off"}:
         assert not any(row["mode"] == "tracking" for row in rows)
         assert all(row["reason"] == "doubtful set-up" for row in rows)
         assert all(max(float(row["std_x_m"]), float(row["std_y_m"])) > 0.05 for row in rows)

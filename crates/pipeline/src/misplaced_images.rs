@@ -6,6 +6,9 @@ use std::path::PathBuf;
 use localize::Stamp;
 use localize::estimate::{Estimate, Mode, Reason};
 
+/// Fewer such images may be chance.
+const FOUND_MIN: usize = 2;
+
 /// Finds the images of a run that show another place than the images around them.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct MisplacedImages {
@@ -35,8 +38,12 @@ impl MisplacedImages {
         }
     }
 
-    /// The warning, if there are such images; `files`: of the images.
+    /// The warning, if there are such images; `files`: of the images. Two files change places; a single image contradicts wrong
+    /// wheels, too.
     pub(crate) fn warning(&self, files: &BTreeMap<Stamp, PathBuf>) -> Option<String> {
+        if self.found.len() < FOUND_MIN {
+            return None;
+        }
         let (first, last) = (self.found.first()?, self.found.last()?);
         let file = files.get(first).map_or_else(String::new, |file| {
             format!(", the first is {}", file.display())

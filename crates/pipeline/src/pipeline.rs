@@ -6,7 +6,7 @@ use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::estimate::Estimate;
 use localize::localizer::{CooperativeConfig, Localizer};
-use localize::map_correction::MapCorrection;
+use localize::map_correction::{DriveFit, MapCorrection};
 use localize::robot::{ExposureSetting, ImuCalibration, OdometryCalibration};
 use localize::sample::LinePoint;
 use localize::team::{TeamModel, TeamView};
@@ -142,6 +142,11 @@ impl Pipeline {
     /// What a user should know about the construction: a scan map that was built, or could not be stored.
     pub fn notice(&self) -> Option<&str> {
         self.notice.as_deref()
+    }
+
+    /// Begins with errors of the ground map that the images of the same drive told, before the first image.
+    pub fn adopt_map_fit(&mut self, fit: &DriveFit) {
+        self.localizer.adopt_map_fit(fit);
     }
 
     /// Marks every pose as that of a doubtful set-up and adds this covariance to its own.

@@ -368,6 +368,9 @@ impl RecordingRun {
         for table in &report.unusable {
             recording.leave_out(*table);
         }
+        if let Some(fit) = &report.map_fit {
+            pipeline.adopt_map_fit(fit);
+        }
         if let Some(covariance) = report.added_pose_covariance {
             pipeline.mark_setup_doubtful(covariance);
         }

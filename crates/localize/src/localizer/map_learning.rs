@@ -6,7 +6,7 @@ use nalgebra::Matrix3;
 use super::Localizer;
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::filter::{PoseFilter, TiltPrior};
-use crate::map_correction::{MapBasis, MapCorrection, TrackedImage, smooth_terms};
+use crate::map_correction::{DriveFit, MapBasis, MapCorrection, TrackedImage, smooth_terms};
 use crate::matching::{Match, PosePrior};
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
@@ -32,6 +32,13 @@ impl Localizer {
             MapBasis::new(terms, self.config.matching.viewpoint_height)
         });
         self.map_correction = Some(Box::new(MapCorrection::new(basis, config.clone())));
+    }
+
+    /// Begins with errors of the map that the images of a drive told. After [`Localizer::set_map_basis`], before the first image.
+    pub fn adopt_map_fit(&mut self, fit: &DriveFit) {
+        if let Some(map) = &mut self.map_correction {
+            map.adopt(fit);
+        }
     }
 
     /// Sets the standard deviations of the map's origin from the robot's centre, per axis, metres, and of its forward direction,

@@ -7,7 +7,6 @@ use super::image_fit::ImageState;
 use super::learning::{INDEPENDENT_POINTS, is_expected};
 use super::state::{INITIAL_NOISE, MapCorrection};
 use super::sums::{PoseMatrix, PoseVector, TermMatrix, TermVector};
-use super::term::TERMS_MAX;
 use crate::frames::{At, Pose};
 use crate::matching::distance_field::DistanceField;
 use crate::matching::{MatchConfig, PARAMETERS};
@@ -16,14 +15,28 @@ use crate::tilt::ground_from_map;
 
 /// Shares of a new map's standard deviation by which the points' reach is widened, step by step.
 const REACH: [f32; 7] = [2.0, 1.0, 0.7, 0.4, 0.2, 0.1, 0.0];
+/// Variance of the mean error of an image's points over that of independent ones: errors of neighbouring points are alike, and those
+/// of images repeat (docs/methods.md 5.9). What an image tells beyond that is no information about a shift of all of them.
+const REPETITION: f64 = 10.0;
 /// Information of a pose that its points alone determine: 1 m and 30°.
 const POSE_INFORMATION: [f64; 3] = [1.0, 1.0, 3.6];
+
+impl MapCorrection {
+    /// Takes what the images of a drive tell of this map into use, before the first image.
+    pub fn adopt(&mut self, fit: &DriveFit) {
+        self.coefficients = fit.coefficients;
+        self.applied = fit.coefficients;
+        self.covariance = fit.covariance;
+        self.restart_learning();
+    }
+}
 
 /// Errors of a map that explain the images of a drive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriveFit {
     basis: MapBasis,
-    coefficients: [f32; TERMS_MAX],
+    pub(super) coefficients: TermVector,
+    pub(super) covariance: TermMatrix,
     /// Mean tilt of robot and rig, radians, and the viewpoint's height, metres.
     lean: [f32; 2],
     height: f32,
@@ -54,7 +67,7 @@ impl DriveFit {
             tilt: [0.0; 2],
         };
         let mut states: Vec<ImageState> = images.iter().map(start).collect();
-        let mut coefficients = TermVector::zeros();
+        let (mut coefficients, mut covariance) = (TermVector::zeros(), map.prior);
         let mut lean = [0.0; 2];
         for reach in REACH {
             let (mut information, mut gradient) = (TermMatrix::zeros(), TermVector::zeros());
@@ -70,16 +83,15 @@ impl DriveFit {
                 });
                 let evidence = image.eliminate_pose(&prior, &deviation)?;
                 let independent = f64::from(INDEPENDENT_POINTS) / points.len().max(1) as f64;
-                let share = independent.min(1.0) / INITIAL_NOISE;
+                let share = independent.min(1.0) / (INITIAL_NOISE * REPETITION);
                 information += evidence.information * share;
                 gradient += evidence.gradient * share;
                 sums.push((image, deviation));
             }
             // At the new coefficients: Σ₀⁻¹ c + g + I (c − c₀) = 0.
             let factor = TermMatrix::identity() + map.prior * information;
-            let target = factor
-                .lu()
-                .solve(&(map.prior * (information * coefficients - gradient)))?;
+            covariance = factor.lu().solve(&map.prior)?;
+            let target = covariance * (information * coefficients - gradient);
             let step = target - coefficients;
             for (state, (image, deviation)) in states.iter_mut().zip(&sums) {
                 let moved = image.pose_step(&prior, deviation, &step)?;
@@ -98,13 +110,15 @@ impl DriveFit {
                 basis: basis.clone(),
                 lean,
                 height: matching.viewpoint_height,
-                coefficients: coefficients.map(|value| value as f32).into(),
+                coefficients,
+                covariance: (covariance + covariance.transpose()) * 0.5,
             })
     }
 
     /// The points as the map without these errors shows them.
     pub fn correct(&self, points: &[LinePoint]) -> Vec<LinePoint> {
-        let prepared = self.basis.prepare(self.coefficients);
+        let coefficients = self.coefficients.map(|value| value as f32);
+        let prepared = self.basis.prepare(coefficients.into());
         let corrected = points.iter().map(|point| {
             let displaced = prepared.displace([point.at.x, point.at.y]).at;
             let [x, y] = ground_from_map(displaced, self.lean, self.height);

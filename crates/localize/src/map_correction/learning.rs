@@ -113,10 +113,12 @@ impl MapCorrection {
         self.covariance += self.prior * share;
         self.block.covariance += self.prior * share;
         for k in 0..TERMS_MAX {
-            // Never less certain than a new map.
-            let excess = self.covariance[(k, k)] - self.prior[(k, k)];
-            if excess > 0.0 {
-                self.covariance[(k, k)] -= excess;
+            // Never less certain than a new map. Row and column shrink together: a smaller variance beside the same
+            // covariances is that of no distribution.
+            let share = self.prior[(k, k)] / self.covariance[(k, k)];
+            if share < 1.0 {
+                self.covariance.row_mut(k).scale_mut(share.sqrt());
+                self.covariance.column_mut(k).scale_mut(share.sqrt());
             }
         }
     }
@@ -159,28 +161,11 @@ impl MapCorrection {
                 self.knocks += 1;
                 self.covariance = self.prior;
             }
-            self.covariance *= self.lag();
             self.block = Block::new(self.coefficients, self.covariance);
         }
         self.images += 1;
         self.update_variances();
         Some(())
-    }
-
-    /// How much too small is the covariance? 1 if the block's images moved the unknowns as far as it says. The derivatives hold
-    /// only near the truth, so that an estimate that starts far off moves on when its covariance has become small.
-    fn lag(&self) -> f64 {
-        let terms = self.basis.terms().len();
-        let change = self.coefficients - self.block.coefficients;
-        // The change is what the images told. A tenth of the rest keeps unknowns that they do not tell invertible.
-        let told = self.block.covariance - self.covariance * 0.9;
-        let squared = squared_deviation(&change, &told, terms);
-        if squared < WRONG_CHI_SQUARED {
-            return 1.0;
-        }
-        let factor = squared / terms as f64;
-        let room = (0..terms).map(|k| self.prior[(k, k)] / self.covariance[(k, k)]);
-        room.fold(factor, f64::min).max(1.0)
     }
 
     /// Is an unknown farther from the map as given, or from the mount taken over last, than any mount may be?
@@ -194,17 +179,12 @@ impl MapCorrection {
 
 /// Is a deviation of the map one that its covariance explains?
 pub(super) fn is_expected(deviation: &TermVector, covariance: &TermMatrix, terms: usize) -> bool {
-    squared_deviation(deviation, covariance, terms) < WRONG_CHI_SQUARED
-}
-
-/// Squared length of a deviation of the map in standard deviations. 0 if the covariance is none.
-fn squared_deviation(deviation: &TermVector, covariance: &TermMatrix, terms: usize) -> f64 {
     let mut covariance = *covariance;
     for k in terms..TERMS_MAX {
         covariance[(k, k)] = 1.0;
     }
     let cholesky = covariance.cholesky();
-    cholesky.map_or(0.0, |cholesky| deviation.dot(&cholesky.solve(deviation)))
+    cholesky.is_none_or(|cholesky| deviation.dot(&cholesky.solve(deviation)) < WRONG_CHI_SQUARED)
 }
 
 /// Did the robot move far enough between two images that they count as independent?

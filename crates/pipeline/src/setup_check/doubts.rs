@@ -114,11 +114,8 @@ impl SetupReport {
         self.add_covariance(unknown_pose_covariance(setup));
     }
 
-    /// Adds that poses and wheels turn about different points, if `explained` says so, and what that does to the poses.
-    pub(super) fn doubt_origin(&mut self, explained: &Explanation) {
-        let Some(offset) = OriginOffset::find(explained) else {
-            return;
-        };
+    /// Adds that poses and wheels turn about different points, and what that does to the poses.
+    pub(super) fn doubt_origin(&mut self, offset: &OriginOffset) {
         let [x, y] = offset.at.into();
         self.doubt(format!(
             "the poses are those of a point that lies ({x:+.2}, {y:+.2}) m from the one that the wheels turn about: the map's origin is off (`mirrorball calibrate mount` moves it), or that of points.csv, or the wheels' matrix is wrong (`mirrorball calibrate wheels` measures it)"

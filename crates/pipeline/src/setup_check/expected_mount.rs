@@ -3,8 +3,10 @@
 
 use localize::Field;
 use localize::config::LocalizeConfig;
+use localize::map_correction::DriveFit;
 use localize::setup_check::{Explanation, FieldTables, compare, explain};
 
+use super::assess::FIRM_MIN;
 use super::measurements::MeasuredKeyframe;
 use super::variant::SetupVariant;
 use crate::setup::Setup;
@@ -12,26 +14,31 @@ use crate::setup::Setup;
 /// Fits and searches in turn: poses that were wrong by the map as given become right.
 const ROUNDS: usize = 3;
 
-/// The measurements by the map with the mount that explains them. None if the map is right as given, if the mount is
-/// no likely one, or without a camera.
-pub(super) fn correct(
+/// The mount that explains the measurements, and the measurements by the map with it. None if the map is right as given, if no likely mount
+/// explains them, and without a camera or wheels.
+pub(super) fn find(
     setup: &Setup,
     config: &LocalizeConfig,
     measured: &[MeasuredKeyframe],
     configured: &Explanation,
-) -> Option<Vec<MeasuredKeyframe>> {
-    if !config.map_correction.enabled {
+) -> Option<(DriveFit, Vec<MeasuredKeyframe>)> {
+    let moves = measured.iter().any(|keyframe| keyframe.odometry.is_some());
+    if !config.map_correction.enabled || !moves {
         return None;
     }
-    let basis = setup.map_basis(config).ok()??;
+    let mut config = config.clone();
+    if let Some(height) = setup.viewpoint_height {
+        config.matching.viewpoint_height = height;
+    }
+    let basis = setup.map_basis(&config).ok()??;
     let field = Field::new(setup.field.config.clone()).ok()?;
-    let mut tables = FieldTables::new(&field, config);
+    let mut tables = FieldTables::new(&field, &config);
     let variant = SetupVariant::configured(setup);
     let given = variant.apply(setup, measured);
     let mut explanation = configured.clone();
     let mut best = None;
     for _ in 0..ROUNDS {
-        let fit = tables.fit_map(&basis, config, &given, &explanation)?;
+        let fit = tables.fit_map(&basis, &config, &given, &explanation)?;
         let corrected: Vec<MeasuredKeyframe> = measured
             .iter()
             .map(|keyframe| MeasuredKeyframe {
@@ -44,7 +51,8 @@ pub(super) fn correct(
             break;
         }
         explanation = explained;
-        best = fit.is_expected.then_some(corrected);
+        let fits = fit.is_expected && explanation.on_markings() >= FIRM_MIN;
+        best = fits.then_some((fit, corrected));
     }
     best
 }

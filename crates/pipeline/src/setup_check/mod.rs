@@ -36,7 +36,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use localize::field::FieldConfig;
-use localize::setup_check::compare;
+use localize::setup_check::Explanation;
 use nalgebra::{Matrix3, Vector3};
 
 pub use collector::KeyframeCollector;
@@ -57,6 +57,7 @@ use change::Change;
 use compass_faults::CompassFault;
 use dead_sensors::FIT_FINE;
 use field_size::{Axis, FieldSize};
+use origin_offset::OriginOffset;
 use variant::SetupVariant;
 
 /// Position error that remains under a wrong field, metres, and heading error, radians.
@@ -121,10 +122,11 @@ pub fn check(
         ranges,
         noise: None,
     };
-    check_tables(setup, config, measured, &tables, effort)
+    check_points(setup, config, measured, &tables, effort).0
 }
 
-/// What looks wrong is looked at again by the mount of the camera that the images tell, if it is one that localization expects.
+/// The images of a drive tell the mount of an uncalibrated camera, such as localization expects it. What looks wrong without it is
+/// looked at again.
 fn check_tables(
     setup: &Setup,
     config: &PipelineConfig,
@@ -133,18 +135,15 @@ fn check_tables(
     effort: Effort,
 ) -> SetupReport {
     let (given, assessment) = check_points(setup, config, measured, tables, effort);
-    if given.warnings.is_empty() {
-        return given;
-    }
-    let by_mount =
-        expected_mount::correct(setup, &config.localize, measured, &assessment.configured);
-    let Some(by_mount) = by_mount else {
+    let mount = expected_mount::find(setup, &config.localize, measured, &assessment.configured);
+    let Some((map_fit, by_mount)) = mount else {
         return given;
     };
     let (mut report, with_mount) = check_points(setup, config, &by_mount, tables, effort);
     if let Some(figures) = &mut report.figures {
         figures.mount_learned = true;
     }
+    report.map_fit = Some(map_fit);
     if let Some(centre) = centre_as_good_as_mount(&assessment, &with_mount) {
         let improvements = vec![vec![centre]];
         report.add_improvements(
@@ -158,6 +157,9 @@ fn check_tables(
     report
 }
 
+/// A smaller difference of two shares of points on markings is none.
+const EQUAL_SHARE: f32 = 0.01;
+
 /// Another centre of the mirror's image that explains the points `given` by the map as well as the mount does, which is learned all the
 /// same.
 fn centre_as_good_as_mount(given: &Assessment, with_mount: &Assessment) -> Option<Improvement> {
@@ -168,7 +170,9 @@ fn centre_as_good_as_mount(given: &Assessment, with_mount: &Assessment) -> Optio
             .cloned()
     };
     let found = centre(given).filter(|_| centre(with_mount).is_none())?;
-    (!compare(&with_mount.configured, &found.explanation).is_worse()).then_some(found)
+    let [with_mount, with_centre] =
+        [&with_mount.configured, &found.explanation].map(Explanation::on_markings);
+    (with_centre > with_mount - EQUAL_SHARE).then_some(found)
 }
 
 /// Checks a set-up by keyframes with the points of one map. Second: what the trials found.
@@ -229,8 +233,10 @@ fn check_points(
     report.add_doubts(&assessment, explained, path_of_poses.flatten(), &ranges);
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
     report.doubt_markings(setup, &assessment);
-    if explained.on_markings() > FIT_FINE {
-        report.doubt_origin(explained);
+    if explained.on_markings() > FIT_FINE
+        && let Some(offset) = OriginOffset::find(explained)
+    {
+        report.doubt_origin(&offset);
     }
     // Another mistake contradicts the wheels' steps, too; and a latency that is estimated while driving needs no edit.
     if assessment.improvements.is_empty() && config.localize.filter.camera_latency_std == 0.0 {

@@ -1,5 +1,6 @@
 //! What did the check of a set-up find? Figures, edits and warnings.
 
+use localize::map_correction::DriveFit;
 use localize::setup_check::Explanation;
 use nalgebra::Matrix3;
 use serde::Serialize;
@@ -116,6 +117,9 @@ pub struct SetupReport {
     /// Covariance that the poses of this set-up have at least.
     #[serde(skip)]
     pub added_pose_covariance: Option<Matrix3<f32>>,
+    /// Errors of the map that the images tell, such as localization expects them.
+    #[serde(skip)]
+    pub map_fit: Option<DriveFit>,
     /// Tables in a wrong unit, which are left out.
     #[serde(skip)]
     pub unusable: Vec<Table>,
