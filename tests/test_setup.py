@@ -420,6 +420,21 @@ def deviations_of(folder: Path, out: Path) -> list[float]:
     return deviations
 
 
+def test_mount_of_an_uncalibrated_camera_is_told_by_the_images_of_the_drive(tmp_path: Path) -> None:
+    # Each within the standard deviation that localization expects of a mount, or nearly.
+    mount = {"mirror_tilt_deg": "[0.13, -0.21]", "mirror_offset": "[0.0007, -0.0009]", "lean_deg": "[-0.12, -0.51]"}
+    settings = [argument for key, value in mount.items() for argument in ("--set", f"mount.{key}={value}")]
+    scenario = ROOT / "config/scenarios/demo.toml"
+    run("sim", scenario, "--seed", "5", "--duration", "20", *settings, "--record", tmp_path / "drive.mcap")
+    run("replay", tmp_path / "drive.mcap", "--export", tmp_path / "drive")
+    found, _ = run("doctor", "--recording", tmp_path / "drive")
+    assert found["warnings"] == [] and found["figures"]["mount_learned"] and found["figures"]["on_markings"] > 0.9
+    result, _ = run("locate", tmp_path / "drive", "--out", tmp_path / "poses.csv")
+    assert result["warnings"] == [] and result["position_error_m"]["max"] < 0.06
+    deviations = deviations_of(tmp_path / "drive", tmp_path / "poses.csv")
+    assert len(deviations) > 500 and sum(value > 3.0 for value in deviations) < 0.02 * len(deviations)
+
+
 @pytest.mark.parametrize("without", [("odometry.csv",), ("odometry.csv", "imu.csv")])
 def test_mount_that_no_wheels_can_teach_is_in_the_uncertainty_of_the_poses(
     gym_drive: Path, tmp_path: Path, without: tuple[str, ...]

@@ -38,6 +38,7 @@ impl Localizer {
     pub fn adopt_map_fit(&mut self, fit: &DriveFit) {
         if let Some(map) = &mut self.map_correction {
             map.adopt(fit);
+            self.map_origin_std = self.map_origin_std.max(fit.viewpoint_shift());
         }
     }
 

@@ -10,6 +10,7 @@ use super::sums::{PoseMatrix, PoseVector, TermMatrix, TermVector};
 use crate::frames::{At, Pose};
 use crate::matching::distance_field::DistanceField;
 use crate::matching::{MatchConfig, PARAMETERS};
+use crate::math;
 use crate::sample::LinePoint;
 use crate::tilt::ground_from_map;
 
@@ -113,6 +114,11 @@ impl DriveFit {
                 coefficients,
                 covariance: (covariance + covariance.transpose()) * 0.5,
             })
+    }
+
+    /// How far the leaning rig may hold the viewpoint beside the robot's centre, metres: images do not tell whether the robot leans.
+    pub fn viewpoint_shift(&self) -> f32 {
+        math::hypot(self.lean[0], self.lean[1]) * self.height
     }
 
     /// The points as the map without these errors shows them.
