@@ -143,7 +143,7 @@ fn check_tables(
     if let Some(figures) = &mut report.figures {
         figures.mount_learned = true;
     }
-    report.map_fit = Some(map_fit);
+    report.map_fit = Some(Box::new(map_fit));
     if let Some(centre) = centre_as_good_as_mount(&assessment, &with_mount) {
         let improvements = vec![vec![centre]];
         report.add_improvements(

@@ -119,7 +119,7 @@ pub struct SetupReport {
     pub added_pose_covariance: Option<Matrix3<f32>>,
     /// Errors of the map that the images tell, such as localization expects them.
     #[serde(skip)]
-    pub map_fit: Option<DriveFit>,
+    pub map_fit: Option<Box<DriveFit>>,
     /// Tables in a wrong unit, which are left out.
     #[serde(skip)]
     pub unusable: Vec<Table>,
