@@ -92,11 +92,11 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
         keyframes.add_cycle(&cycle);
         faults.add_cycle(&cycle, None);
     }
-    let report = check(
+    let report = check_tables(
         &unpacked.setup,
         &config,
         &keyframes.keyframes(),
-        Vec::new(),
+        &TableFindings::default(),
         effort,
     );
     Ok(report.with_image_faults(Some(faults)))
@@ -110,7 +110,9 @@ struct TableFindings {
     noise: Option<f32>,
 }
 
-/// Checks a set-up by measured keyframes; `ranges`: findings in the tables that they come from.
+/// Checks a set-up by keyframes of a run; `ranges`: findings in the tables that they come from.
+///
+/// The map counts as given: poses of a run do not know the mount that its images tell afterwards.
 pub fn check(
     setup: &Setup,
     config: &PipelineConfig,
