@@ -54,15 +54,15 @@ impl Localizer {
         self.map_correction.as_deref()
     }
 
-    /// Corrects the points of an image. Without wheels images are single: the map is used as given, nothing is learned, and
-    /// its whole uncertainty is the pose's.
+    /// Corrects the points of an image. Without wheels images are single: nothing is learned from them, and the map's whole
+    /// uncertainty is the pose's.
     pub(super) fn correct_line_points(&mut self, points: &mut [LinePoint]) {
         let learns = self.learns_map();
         if let Some(map) = &mut self.map_correction {
             if learns {
                 map.correct(points);
             } else {
-                map.take_uncorrected(points);
+                map.correct_single(points);
             }
         }
     }

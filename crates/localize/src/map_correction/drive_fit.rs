@@ -75,7 +75,7 @@ impl DriveFit {
             let mut sums = Vec::with_capacity(images.len());
             for (state, (pose, points)) in states.iter_mut().zip(images) {
                 state.coefficients = coefficients;
-                map.take_uncorrected(points);
+                map.correct_single(&mut points.to_vec());
                 let (image, _) = map.image_sums(state, reach, distances, matching);
                 let offset = state.pose.difference(*pose);
                 let deviation = PoseVector::from_fn(|i, _| match i {

@@ -58,14 +58,21 @@ impl MapCorrection {
         }
     }
 
-    /// Takes the points of an image that is located by the map as it was given, for the pose's error by the map.
-    pub fn take_uncorrected(&mut self, points: &[LinePoint]) {
-        let prepared = self.basis.prepare([0.0; TERMS_MAX]);
+    /// Corrects the points of a single image, if the given map proved wrong. Their standard deviations stay: the map's uncertainty is
+    /// the pose's alone.
+    pub fn correct_single(&mut self, points: &mut [LinePoint]) {
+        let prepared = self.basis.prepare(self.single_coefficients());
+        let in_use = self.is_in_use();
         self.points.clear();
-        self.points.extend(points.iter().map(|point| {
-            let at = [point.at.x, point.at.y];
-            RawPoint::new(point, at, &prepared.displace(at))
-        }));
+        for point in points {
+            let given = [point.at.x, point.at.y];
+            let displaced = prepared.displace(given);
+            self.points.push(RawPoint::new(point, given, &displaced));
+            if in_use {
+                let [x, y] = displaced.at;
+                point.at = At::new(x, y);
+            }
+        }
     }
 
     fn single_coefficients(&self) -> [f32; TERMS_MAX] {

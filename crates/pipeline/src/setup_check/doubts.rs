@@ -4,7 +4,7 @@ use localize::math;
 use localize::setup_check::Explanation;
 use nalgebra::Matrix3;
 
-use super::assess::{Assessment, FIRM_MIN, SENSORS_FINE};
+use super::assess::{Assessment, FIRM_MIN};
 use super::change::Change;
 use super::latency::OtherLatency;
 use super::origin_offset::OriginOffset;
@@ -19,6 +19,8 @@ use crate::setup::Setup;
 const POINTS_POOR: f32 = 0.45;
 /// A larger contradiction between wheels and poses is a jump to another place of the field, and no slip, metres.
 const JUMP_MIN: f32 = 0.5;
+/// Share of the steps that jump: two of forty.
+const JUMPS_MIN: f32 = 0.05;
 /// Wheels or compass that agree less are doubted even if no edit is found.
 const SENSORS_POOR: f32 = 0.4;
 
@@ -102,7 +104,7 @@ impl SetupReport {
             math::hypot(step.poses.x - step.wheels.x, step.poses.y - step.wheels.y) > JUMP_MIN
         });
         let jumps = jumps.count() as f32 / steps.len().max(1) as f32;
-        let is_doubtful = configured.on_markings() < FIRM_MIN && jumps > 1.0 - SENSORS_FINE;
+        let is_doubtful = configured.on_markings() < FIRM_MIN && jumps >= JUMPS_MIN;
         if !assessment.improvements.is_empty() || !is_doubtful {
             return;
         }
