@@ -146,13 +146,7 @@ impl ScenarioRun {
             keyframes,
         } = single.run(on_progress)?;
         let summary = summary(started, scores);
-        let report = setup_check::check(
-            &setup,
-            &config,
-            &keyframes.keyframes(),
-            Vec::new(),
-            Effort::Brief,
-        );
+        let report = setup_check::check(&setup, &config, &keyframes.keyframes(), Effort::Brief);
         Ok(RunSummary {
             warnings: report.warnings,
             setup: report.figures,

@@ -94,7 +94,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let times_real_time = duration / started.elapsed().as_secs_f64();
     recorder.finish()?;
     let keyframes = keyframes.keyframes();
-    let checked = setup_check::check(&setup, &config, &keyframes, Vec::new(), Effort::Brief);
+    let checked = setup_check::check(&setup, &config, &keyframes, Effort::Brief);
     play.picture(&setup)?.save(&pictures[0])?;
 
     let setup = Setup::load(&sample.join("robot.toml"), None)?;

@@ -241,13 +241,7 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
         cycle
     });
     bar.finish_and_clear();
-    let found = setup_check::check(
-        setup,
-        &config,
-        &keyframes.keyframes(),
-        Vec::new(),
-        Effort::Brief,
-    );
+    let found = setup_check::check(setup, &config, &keyframes.keyframes(), Effort::Brief);
     if let Some(error) = invalid_settings {
         return Err(error.context("the settings that were changed during the run"));
     }

@@ -152,7 +152,7 @@ impl SetupWatch {
     /// Checks once more, by all that was seen. Returns a sentence per doubt.
     pub(super) fn finish(self, setup: &Setup, config: &PipelineConfig) -> Vec<String> {
         let keyframes = self.keyframes.keyframes();
-        setup_check::check(setup, config, &keyframes, Vec::new(), Effort::Brief).warnings
+        setup_check::check(setup, config, &keyframes, Effort::Brief).warnings
     }
 }
 
@@ -178,8 +178,7 @@ impl Checker {
                 .start_handler(|_| lower_priority())
                 .build();
             while let Ok((config, keyframes)) = waiting.recv() {
-                let check =
-                    || setup_check::check(&setup, &config, &keyframes, Vec::new(), Effort::Brief);
+                let check = || setup_check::check(&setup, &config, &keyframes, Effort::Brief);
                 let found = match &pool {
                     Ok(pool) => pool.install(check),
                     Err(_) => SetupReport::default(),

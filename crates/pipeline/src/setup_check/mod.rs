@@ -110,21 +110,16 @@ struct TableFindings {
     noise: Option<f32>,
 }
 
-/// Checks a set-up by keyframes of a run; `ranges`: findings in the tables that they come from.
+/// Checks a set-up by keyframes of a run.
 ///
 /// The map counts as given: poses of a run do not know the mount that its images tell afterwards.
 pub fn check(
     setup: &Setup,
     config: &PipelineConfig,
     measured: &[MeasuredKeyframe],
-    ranges: Vec<RangeFinding>,
     effort: Effort,
 ) -> SetupReport {
-    let tables = TableFindings {
-        ranges,
-        noise: None,
-    };
-    check_points(setup, config, measured, &tables, effort).0
+    check_points(setup, config, measured, &TableFindings::default(), effort).0
 }
 
 /// The images of a drive tell the mount of an uncalibrated camera, such as localization expects it. What looks wrong without it is
