@@ -235,7 +235,7 @@ fn sample_tuple<'py>(py: Python<'py>, sample: Sample) -> PyResult<Bound<'py, PyA
             let stamp_s = image.stamp.seconds();
             ("image", stamp_s, bgr_array(py, &pixels)?).into_bound_py_any(py)
         }
-        Sample::TeamReport(_) | Sample::Settings(_) | Sample::SetupDoubt(_) => {
+        Sample::TeamReport(_) | Sample::Settings(_) | Sample::SetupDoubt(_) | Sample::MapFit(_) => {
             Err(PyValueError::new_err("not a sample of a simulated sensor"))
         }
     }

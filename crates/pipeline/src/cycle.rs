@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use localize::Stamp;
 use localize::estimate::Estimate;
+use localize::map_correction::MapFit;
 use localize::robot::ExposureSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::{TeamReport, TeamView};
@@ -66,6 +67,8 @@ pub struct Inputs {
     /// What a check of the set-up found during the run, if that changes: covariance of (x, y, θ) that is added to each pose
     /// from this cycle on. Zero: the set-up is no longer doubtful.
     pub setup_doubt: Option<Matrix3<f32>>,
+    /// Errors of the ground map that the images of the run told a check, and that are in use from this cycle on.
+    pub map_fit: Option<Box<MapFit>>,
 }
 
 /// Durations of the stages: the only part of a cycle that differs from run to run.

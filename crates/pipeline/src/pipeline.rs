@@ -6,7 +6,7 @@ use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::estimate::Estimate;
 use localize::localizer::{CooperativeConfig, Localizer};
-use localize::map_correction::{DriveFit, MapCorrection};
+use localize::map_correction::{MapCorrection, MapFit};
 use localize::robot::{ExposureSetting, ImuCalibration, OdometryCalibration};
 use localize::sample::LinePoint;
 use localize::team::{TeamModel, TeamView};
@@ -144,9 +144,11 @@ impl Pipeline {
         self.notice.as_deref()
     }
 
-    /// Begins with errors of the ground map that the images of the same drive told, before the first image.
-    pub fn adopt_map_fit(&mut self, fit: &DriveFit) {
-        self.localizer.adopt_map_fit(fit);
+    /// Goes on with errors of the ground map that the images of the same drive told.
+    ///
+    /// They hold from the next cycle on, whose inputs have them: replay does the same.
+    pub fn adopt_map_fit(&mut self, fit: MapFit) {
+        self.inputs.map_fit = Some(Box::new(fit));
     }
 
     /// Marks every pose as that of a doubtful set-up and adds this covariance to its own.
@@ -210,11 +212,15 @@ impl Pipeline {
             pose: self.last_pose.filter(|_| half.is_some()),
             half,
             exposure: self.exposure.as_ref().map(AutoExposure::state),
+            map: self.localizer.map_fit(),
         }
     }
 
     fn start_from(&mut self, state: &WarmStart) {
         self.last_pose = state.pose;
+        if let Some(fit) = &state.map {
+            self.localizer.adopt_map_fit(fit);
+        }
         if let Some(last) = &state.pose {
             let (stamp, pose, covariance) = last.parts();
             match state.half {
@@ -260,6 +266,7 @@ impl Pipeline {
                 self.inputs.warm_start = change.warm_start;
             }
             Sample::SetupDoubt(covariance) => self.mark_setup_doubtful(covariance),
+            Sample::MapFit(fit) => self.adopt_map_fit(*fit),
             Sample::Image(image) => return Some(self.process_image(image, on_estimate)),
         }
         None
@@ -356,6 +363,9 @@ impl Pipeline {
     fn estimate_pose(&mut self, stamp: Stamp, features: Features) -> Cycle {
         let started = Instant::now();
         let inputs = std::mem::take(&mut self.inputs);
+        if let Some(fit) = &inputs.map_fit {
+            self.localizer.adopt_map_fit(fit);
+        }
         self.add_inputs(&inputs);
         if let Some(covariance) = inputs.setup_doubt {
             self.doubt = (covariance != Matrix3::zeros()).then_some(covariance);
@@ -431,6 +441,7 @@ impl Pipeline {
                 Sample::GroundTruth(_)
                 | Sample::Settings(_)
                 | Sample::SetupDoubt(_)
+                | Sample::MapFit(_)
                 | Sample::Image(_) => {}
             }
         }

@@ -363,7 +363,7 @@ impl RecordingRun {
             recording.leave_out(*table);
         }
         if let Some(fit) = &report.map_fit {
-            pipeline.adopt_map_fit(fit);
+            pipeline.adopt_map_fit(fit.map_fit());
         }
         if let Some(covariance) = report.added_pose_covariance {
             pipeline.mark_setup_doubtful(covariance);

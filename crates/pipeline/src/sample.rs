@@ -7,6 +7,7 @@ use std::sync::Arc;
 use localize::Pose;
 use localize::Stamp;
 use localize::frames::{At, FieldFrame};
+use localize::map_correction::MapFit;
 use localize::robot::ExposureSetting;
 use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::TeamReport;
@@ -54,6 +55,8 @@ pub enum Sample {
     Settings(SettingsChange),
     /// Covariance of (x, y, θ) that is added to the poses of a doubtful set-up from the next cycle on. Zero ends the doubt.
     SetupDoubt(Matrix3<f32>),
+    /// Errors of the ground map that images told, which are in use from the next cycle on.
+    MapFit(Box<MapFit>),
     /// An image. It completes a cycle.
     Image(CameraImage),
 }

@@ -145,6 +145,7 @@ impl RandomValues {
             changed_config_toml: None,
             warm_start: None,
             setup_doubt: Some(Matrix3::from_fn(|_, _| self.value())),
+            map_fit: None,
         }
     }
 

@@ -1,9 +1,10 @@
-//! From what does a new pipeline go on while the robot drives? From the last pose and what exposure control has learned.
+//! From what does a new pipeline go on while the robot drives? From the last pose, and from what was learned about exposure and the map.
 //!
 //! All else is learned anew, so a log that holds this state at a cycle can be computed again from there on.
 
 use anyhow::{Context, Result, ensure};
 use localize::localizer::HalfState;
+use localize::map_correction::MapFit;
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
@@ -18,6 +19,8 @@ pub struct WarmStart {
     pub(crate) half: Option<HalfState>,
     /// None without a camera.
     pub(crate) exposure: Option<ExposureState>,
+    /// None while the map as given is in use.
+    pub(crate) map: Option<MapFit>,
 }
 
 /// The pose of an image.
@@ -89,6 +92,7 @@ mod tests {
                 established: false,
             }),
             exposure: None,
+            map: None,
         };
         let read = WarmStart::from_toml(&state.to_toml()).expect("read");
         assert_eq!(read, state);

@@ -241,7 +241,8 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
         cycle
     });
     bar.finish_and_clear();
-    let found = setup_check::check(setup, &config, &keyframes.keyframes(), Effort::Brief);
+    let found =
+        setup_check::check_with_mount(setup, &config, &keyframes.keyframes(), Effort::Brief);
     if let Some(error) = invalid_settings {
         return Err(error.context("the settings that were changed during the run"));
     }

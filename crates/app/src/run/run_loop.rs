@@ -483,6 +483,9 @@ impl RunLoop {
             return;
         };
         self.pipeline.mark_setup_doubtful(verdict.covariance);
+        if let Some(fit) = verdict.map_fit {
+            self.pipeline.adopt_map_fit(fit);
+        }
         state.dropped.extend(verdict.drops);
         status.print_line(&verdict.text);
         self.write_note(&verdict.text);
@@ -642,6 +645,7 @@ fn is_finite(sample: &Sample) -> bool {
         | Sample::GroundTruth(_)
         | Sample::Settings(_)
         | Sample::SetupDoubt(_)
+        | Sample::MapFit(_)
         | Sample::Image(_) => true,
     }
 }

@@ -4,6 +4,7 @@ use std::sync::mpsc::{self, Receiver, SyncSender, TryRecvError};
 
 use hw::realtime::lower_priority;
 use localize::Stamp;
+use localize::map_correction::MapFit;
 use nalgebra::Matrix3;
 use pipeline::recording::Table;
 use pipeline::setup::Setup;
@@ -21,6 +22,8 @@ const DOUBTED_PERIOD: f64 = 3.0;
 const PERIOD_MAX: f64 = 300.0;
 /// Checks in a row that have to doubt the set-up before it is reported, and its poses before they are marked.
 const DOUBTS_MIN: u32 = 2;
+/// What the operator reads when the images' own mount is taken into use.
+const MOUNT_KNOWN: &str = "the camera is not mounted as its map says: the mount that the images tell is in use (`mirrorball calibrate lines` keeps it)";
 
 /// Checks the set-up again and again.
 pub(super) struct SetupWatch {
@@ -35,6 +38,8 @@ pub(super) struct SetupWatch {
     pose_doubts: u32,
     /// Sensors that were found to be useless.
     dropped: Vec<Table>,
+    /// True once the mount that the images tell is in use. From then on the localizer learns what is left of its errors.
+    knows_mount: bool,
 }
 
 /// A change of what is thought of the set-up.
@@ -45,6 +50,8 @@ pub(super) struct SetupVerdict {
     pub(super) covariance: Matrix3<f32>,
     /// Sensors that are not to be used any more: inertial unit, compass.
     pub(super) drops: Vec<Table>,
+    /// The mount that the images tell, to be used from now on.
+    pub(super) map_fit: Option<MapFit>,
 }
 
 impl SetupWatch {
@@ -58,6 +65,7 @@ impl SetupWatch {
             doubts: 0,
             pose_doubts: 0,
             dropped: Vec::new(),
+            knows_mount: false,
         }
     }
 
@@ -128,16 +136,30 @@ impl SetupWatch {
             .filter(|it| self.is_reported() && is_new(it))
             .collect();
         self.dropped.extend(&drops);
-        let is_changed = before != (self.is_reported(), self.is_marked()) || !drops.is_empty();
-        let covariance = report.added_pose_covariance.filter(|_| self.is_marked());
-        is_changed.then(|| SetupVerdict {
-            text: if self.is_reported() {
+        let map_fit = report.map_fit.as_ref().filter(|_| !self.knows_mount);
+        self.knows_mount |= map_fit.is_some();
+        let is_doubt_changed =
+            before != (self.is_reported(), self.is_marked()) || !drops.is_empty();
+        if !is_doubt_changed && map_fit.is_none() {
+            return None;
+        }
+        let mut texts = Vec::new();
+        if map_fit.is_some() {
+            texts.push(MOUNT_KNOWN.to_owned());
+        }
+        if is_doubt_changed {
+            texts.push(if self.is_reported() {
                 format!("warning: {}", report.warnings.join("; "))
             } else {
                 "the set-up is no longer doubtful".to_owned()
-            },
+            });
+        }
+        let covariance = report.added_pose_covariance.filter(|_| self.is_marked());
+        Some(SetupVerdict {
+            text: texts.join("; "),
             covariance: covariance.unwrap_or_default(),
             drops,
+            map_fit: map_fit.map(|fit| fit.map_fit()),
         })
     }
 
@@ -152,7 +174,7 @@ impl SetupWatch {
     /// Checks once more, by all that was seen. Returns a sentence per doubt.
     pub(super) fn finish(self, setup: &Setup, config: &PipelineConfig) -> Vec<String> {
         let keyframes = self.keyframes.keyframes();
-        setup_check::check(setup, config, &keyframes, Effort::Brief).warnings
+        setup_check::check_with_mount(setup, config, &keyframes, Effort::Brief).warnings
     }
 }
 
@@ -178,7 +200,8 @@ impl Checker {
                 .start_handler(|_| lower_priority())
                 .build();
             while let Ok((config, keyframes)) = waiting.recv() {
-                let check = || setup_check::check(&setup, &config, &keyframes, Effort::Brief);
+                let check =
+                    || setup_check::check_with_mount(&setup, &config, &keyframes, Effort::Brief);
                 let found = match &pool {
                     Ok(pool) => pool.install(check),
                     Err(_) => SetupReport::default(),
@@ -206,6 +229,9 @@ impl Checker {
 
 #[cfg(test)]
 mod tests {
+    use localize::map_correction::DriveFit;
+    use localize::matching::distance_field::DistanceField;
+
     use super::*;
 
     fn setup() -> Setup {
@@ -268,6 +294,30 @@ mod tests {
                 .is_some_and(|verdict| verdict.drops == [Table::Imu])
         );
         assert!(watch.judge(&wheels).is_none(), "dropped once");
+    }
+
+    #[test]
+    fn mount_that_images_tell_is_taken_into_use_once_and_ends_doubts_at_the_next_right_check() {
+        let setup = setup();
+        let config = PipelineConfig::default().localize;
+        let basis = setup.map_basis(&config).expect("a map").expect("a camera");
+        let field = localize::Field::new(setup.field.config.clone()).expect("a field");
+        let distances = DistanceField::new(&field, &config.distance_field);
+        let map = &config.map_correction;
+        let told = || SetupReport {
+            map_fit: DriveFit::find(&basis, map, &[], &distances, &config.matching).map(Box::new),
+            ..SetupReport::default()
+        };
+        let mut watch = SetupWatch::new(&setup);
+        let verdict = watch.judge(&told()).expect("a mount");
+        assert!(verdict.map_fit.is_some() && verdict.text == MOUNT_KNOWN);
+        assert_eq!(verdict.covariance, Matrix3::zeros());
+        assert!(watch.judge(&told()).is_none(), "said once");
+        assert!(watch.judge(&doubt()).is_none());
+        let verdict = watch.judge(&doubt()).expect("a mark");
+        assert!(verdict.map_fit.is_none() && verdict.covariance == Matrix3::identity());
+        let verdict = watch.judge(&told()).expect("unmarked");
+        assert!(verdict.map_fit.is_none() && verdict.covariance == Matrix3::zeros());
     }
 
     #[test]

@@ -6,7 +6,7 @@ use nalgebra::Matrix3;
 use super::Localizer;
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::filter::{PoseFilter, TiltPrior};
-use crate::map_correction::{DriveFit, MapBasis, MapCorrection, TrackedImage, smooth_terms};
+use crate::map_correction::{MapBasis, MapCorrection, MapFit, TrackedImage, smooth_terms};
 use crate::matching::{Match, PosePrior};
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
@@ -34,12 +34,26 @@ impl Localizer {
         self.map_correction = Some(Box::new(MapCorrection::new(basis, config.clone())));
     }
 
-    /// Begins with errors of the map that the images of a drive told. After [`Localizer::set_map_basis`], before the first image.
-    pub fn adopt_map_fit(&mut self, fit: &DriveFit) {
-        if let Some(map) = &mut self.map_correction {
-            map.adopt(fit);
-            self.map_origin_std = self.map_origin_std.max(fit.viewpoint_shift());
+    /// Goes on with errors of the map that images told, after [`Localizer::set_map_basis`]. Without effect if they are of a map with other
+    /// unknowns.
+    pub fn adopt_map_fit(&mut self, fit: &MapFit) {
+        let Some(shift) = self.map_correction.as_mut().and_then(|map| map.adopt(fit)) else {
+            return;
+        };
+        self.map_origin_std = self.map_origin_std.max(fit.viewpoint_shift());
+        // A late image restarts from the snapshot.
+        let snapshot = self.snapshot.as_mut().map(|snapshot| &mut snapshot.state);
+        for state in [Some(&mut self.state), snapshot].into_iter().flatten() {
+            if let Some(track) = state.track_mut() {
+                track.filter.shift_pose(shift);
+            }
         }
+    }
+
+    /// What was learned about the map. None while the map as given is in use.
+    pub fn map_fit(&self) -> Option<MapFit> {
+        let map = self.map_correction.as_ref()?;
+        map.fit(self.map_origin_std)
     }
 
     /// Sets the standard deviations of the map's origin from the robot's centre, per axis, metres, and of its forward direction,

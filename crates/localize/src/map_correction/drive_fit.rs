@@ -5,6 +5,7 @@ use super::basis::MapBasis;
 use super::config::MapCorrectionConfig;
 use super::image_fit::ImageState;
 use super::learning::{INDEPENDENT_POINTS, is_expected};
+use super::map_fit::MapFit;
 use super::state::{INITIAL_NOISE, MapCorrection};
 use super::sums::{PoseMatrix, PoseVector, TermMatrix, TermVector};
 use crate::frames::{At, Pose};
@@ -22,22 +23,12 @@ const REPETITION: f64 = 10.0;
 /// Information of a pose that its points alone determine: 1 m and 30°.
 const POSE_INFORMATION: [f64; 3] = [1.0, 1.0, 3.6];
 
-impl MapCorrection {
-    /// Takes what the images of a drive tell of this map into use, before the first image.
-    pub fn adopt(&mut self, fit: &DriveFit) {
-        self.coefficients = fit.coefficients;
-        self.applied = fit.coefficients;
-        self.covariance = fit.covariance;
-        self.restart_learning();
-    }
-}
-
 /// Errors of a map that explain the images of a drive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriveFit {
     basis: MapBasis,
-    pub(super) coefficients: TermVector,
-    pub(super) covariance: TermMatrix,
+    coefficients: TermVector,
+    covariance: TermMatrix,
     /// Mean tilt of robot and rig, radians, and the viewpoint's height, metres.
     lean: [f32; 2],
     height: f32,
@@ -116,9 +107,11 @@ impl DriveFit {
             })
     }
 
-    /// How far the leaning rig may hold the viewpoint beside the robot's centre, metres: images do not tell whether the robot leans.
-    pub fn viewpoint_shift(&self) -> f32 {
-        math::hypot(self.lean[0], self.lean[1]) * self.height
+    /// What a localizer takes over.
+    pub fn map_fit(&self) -> MapFit {
+        let terms = self.basis.terms().len();
+        let viewpoint_shift = math::hypot(self.lean[0], self.lean[1]) * self.height;
+        MapFit::new(terms, &self.coefficients, &self.covariance, viewpoint_shift)
     }
 
     /// The points as the map without these errors shows them.

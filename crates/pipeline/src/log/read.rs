@@ -275,6 +275,7 @@ impl LoggedCycle {
             });
         let mut samples: Vec<Sample> = change.map(Sample::Settings).into_iter().collect();
         samples.extend(inputs.setup_doubt.map(Sample::SetupDoubt));
+        samples.extend(inputs.map_fit.clone().map(Sample::MapFit));
         samples.extend(self.cycle.inputs.sorted_samples());
         let exact = self
             .image

@@ -92,13 +92,7 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
         keyframes.add_cycle(&cycle);
         faults.add_cycle(&cycle, None);
     }
-    let report = check_tables(
-        &unpacked.setup,
-        &config,
-        &keyframes.keyframes(),
-        &TableFindings::default(),
-        effort,
-    );
+    let report = check_with_mount(&unpacked.setup, &config, &keyframes.keyframes(), effort);
     Ok(report.with_image_faults(Some(faults)))
 }
 
@@ -112,7 +106,7 @@ struct TableFindings {
 
 /// Checks a set-up by keyframes of a run.
 ///
-/// The map counts as given: poses of a run do not know the mount that its images tell afterwards.
+/// The map counts as given: poses of a run that does not check itself do not know the mount that its images tell afterwards.
 pub fn check(
     setup: &Setup,
     config: &PipelineConfig,
@@ -120,6 +114,16 @@ pub fn check(
     effort: Effort,
 ) -> SetupReport {
     check_points(setup, config, measured, &TableFindings::default(), effort).0
+}
+
+/// As [`check`], by the mount that the images tell ([`SetupReport::map_fit`]) where the map as given does not explain them.
+pub fn check_with_mount(
+    setup: &Setup,
+    config: &PipelineConfig,
+    measured: &[MeasuredKeyframe],
+    effort: Effort,
+) -> SetupReport {
+    check_tables(setup, config, measured, &TableFindings::default(), effort)
 }
 
 /// The images of a drive tell the mount of an uncalibrated camera, such as localization expects it. What looks wrong without it is

@@ -294,6 +294,9 @@ pub(crate) struct Cycle {
     /// Zeros end the doubt. Empty: no change.
     #[prost(float, repeated)]
     pub(crate) setup_doubt: Vec<f32>,
+    /// Errors of the ground map that images told, which are in use from this cycle on (TOML).
+    #[prost(string, optional)]
+    pub(crate) map_fit: Option<String>,
 }
 
 /// An input file of a run, under its name in a recording folder.

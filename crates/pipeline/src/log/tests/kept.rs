@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use localize::Pose;
 use localize::estimate::Reason;
+use localize::map_correction::{MapCorrection, MapFit};
 use nalgebra::Matrix3;
 use vision::image::Image;
 
@@ -160,6 +161,29 @@ fn a_log_without_images_exports_line_points() {
 /// Cycles during which the set-up counts as doubtful.
 const DOUBTED: std::ops::Range<usize> = 8..14;
 
+/// Cycle from which on the images' own mount is in use.
+const OTHER_MOUNT: usize = 11;
+
+/// Errors of the map as images may tell them.
+fn other_mount(pipeline: &Pipeline) -> MapFit {
+    let terms = pipeline.map_correction().expect("a map").basis().terms();
+    let unknowns: Vec<f64> = terms.iter().map(|term| 0.1 * f64::from(term.std)).collect();
+    let row = |i| -> Vec<f64> {
+        let variance = |k| {
+            if k == i {
+                unknowns[i] * unknowns[i]
+            } else {
+                0.0
+            }
+        };
+        (0..terms.len()).map(variance).collect()
+    };
+    let covariance: Vec<Vec<f64>> = (0..terms.len()).map(row).collect();
+    let text =
+        format!("unknowns = {unknowns:?}\ncovariance = {covariance:?}\nviewpoint_shift = 0.01\n");
+    toml::from_str(&text).expect("a fit")
+}
+
 /// The set-up of the sample recording, and the header of a log with it.
 fn sample_setup() -> (Setup, Header) {
     let setup = Setup::load(&sample_recording().join("robot.toml"), None).expect("a setup");
@@ -170,7 +194,7 @@ fn sample_setup() -> (Setup, Header) {
     (setup, header)
 }
 
-/// Records a run on the sample recording, whose set-up is doubted for some cycles, and recomputes it from the log alone.
+/// Records a run on the sample recording, whose set-up is doubted for some cycles and whose mount turns out to be another one, and recomputes it from the log alone.
 fn record_and_verify(images: ImageCompression) -> VerificationReport {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
@@ -187,6 +211,14 @@ fn record_and_verify(images: ImageCompression) -> VerificationReport {
         let Some(cycle) = pipeline.process_sample(sample) else {
             continue;
         };
+        let is_mounted_otherwise = pipeline
+            .map_correction()
+            .is_some_and(MapCorrection::is_in_use);
+        assert_eq!(
+            is_mounted_otherwise,
+            cycles >= OTHER_MOUNT,
+            "cycle {cycles}"
+        );
         let is_doubtful = cycle.estimate.reason == Some(Reason::DoubtfulSetup);
         assert_eq!(is_doubtful, DOUBTED.contains(&cycles), "cycle {cycles}");
         cycles += 1;
@@ -194,6 +226,8 @@ fn record_and_verify(images: ImageCompression) -> VerificationReport {
             pipeline.mark_setup_doubtful(Matrix3::identity());
         } else if cycles == DOUBTED.end {
             pipeline.mark_setup_doubtful(Matrix3::zeros());
+        } else if cycles == OTHER_MOUNT {
+            pipeline.adopt_map_fit(other_mount(&pipeline));
         }
         recorder.record_cycle(Arc::new(cycle)).expect("taken");
     }

@@ -8,9 +8,10 @@ mod sensors;
 mod team;
 mod world;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use localize::Stamp;
 use localize::frames::At;
+use localize::map_correction::MapFit;
 use localize::omni::Twist;
 use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 use nalgebra::Matrix3;
@@ -59,6 +60,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         changed_config_toml: settings,
         warm_start,
         setup_doubt,
+        map_fit,
     } = inputs;
     wire::Cycle {
         index,
@@ -84,6 +86,8 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         settings: settings.as_ref().map(|settings| settings.to_string()),
         warm_start: warm_start.as_ref().map(WarmStart::to_toml),
         setup_doubt: setup_doubt.map_or_else(Vec::new, |doubt| doubt.as_slice().to_vec()),
+        // Numbers alone: nothing that TOML lacks.
+        map_fit: map_fit.as_deref().and_then(|fit| toml::to_string(fit).ok()),
     }
 }
 
@@ -139,6 +143,11 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
                 .setup_doubt
                 .first_chunk::<9>()
                 .map(|doubt| Matrix3::from_column_slice(doubt)),
+            map_fit: cycle
+                .map_fit
+                .as_deref()
+                .map(map_fit_from_toml)
+                .transpose()?,
         },
         detections: cycle.seen.map(detections_from_wire).transpose()?,
         line_points: line_points_from_wire(cycle.points)?,
@@ -152,6 +161,10 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
             localize_ms: cycle.localize_ms,
         },
     })
+}
+
+fn map_fit_from_toml(text: &str) -> Result<Box<MapFit>> {
+    toml::from_str(text).context("invalid errors of the ground map")
 }
 
 pub(crate) fn odometry_to_wire(
