@@ -435,6 +435,44 @@ def test_mount_of_an_uncalibrated_camera_is_told_by_the_images_of_the_drive(tmp_
     assert len(deviations) > 500 and sum(value > 3.0 for value in deviations) < 0.02 * len(deviations)
 
 
+ASLANT = """robot = "{robots}/{robot}.toml"
+field = "{fields}/msl_18x12.toml"
+seed = 5
+duration = 6.0
+frame_rate_hz = 10.0
+start = {{ x = -6.0, y = -2.0, theta_deg = 20.0 }}
+[mount]
+mirror_tilt_deg = [-0.561, -0.828]
+mirror_offset = [0.00197, -0.00033]
+[path]
+speed = 1.5
+turn_rate_deg = 70.0
+waypoints = [{{ x = -2.0, y = -3.5, theta_deg = 60.0 }}, {{ x = 3.0, y = -3.0, theta_deg = 150.0 }}]
+[others]
+opponents = 5
+mates = 3
+"""
+
+
+@pytest.mark.parametrize("robot", ["hyperbolic", "default"])
+def test_start_with_a_mirror_aslant_finds_no_other_place(tmp_path: Path, robot: str) -> None:
+    config = ROOT / "config"
+    scenario, out, log = tmp_path / "aslant.toml", tmp_path / "poses.csv", tmp_path / "drive.mcap"
+    scenario.write_text(ASLANT.format(robots=config / "robots", robot=robot, fields=config / "fields"))
+    run("sim", scenario, "--out", out, "--record", log, "--images", "none")
+    run("replay", log, "--export", tmp_path / "drive")
+    truth = {row["stamp_s"]: row for row in poses(tmp_path / "drive" / "truth.csv")}
+    errors = []
+    for row in poses(out):
+        true = truth[row["stamp_s"]]
+        dx, dy = (float(row[f"{axis}_m"]) - float(true[f"{axis}_m"]) for axis in "xy")
+        errors.append((math.hypot(dx, dy), math.hypot(float(row["std_x_m"]), float(row["std_y_m"]))))
+    assert len(errors) > 50
+    wrong = [each for each in errors if each[0] > max(0.15, 3.0 * each[1])]
+    assert not wrong, wrong
+    assert max(error for error, _ in errors[20:]) < 0.15
+
+
 @pytest.mark.parametrize("without", [("odometry.csv",), ("odometry.csv", "imu.csv")])
 def test_mount_that_no_wheels_can_teach_is_in_the_uncertainty_of_the_poses(
     gym_drive: Path, tmp_path: Path, without: tuple[str, ...]

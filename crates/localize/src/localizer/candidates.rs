@@ -7,8 +7,9 @@ use crate::field::goal_colours::ColouredGoals;
 use crate::filter::{FilterConfig, OdometryPrior, PoseFilter, TiltPrior};
 use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, Hypothesis, half_turn};
+use crate::map_correction::MapCorrection;
 use crate::matching::distance_field::DistanceField;
-use crate::matching::{MatchStart, Matcher};
+use crate::matching::{Match, MatchStart, Matcher};
 use crate::math;
 use crate::sample::{GoalObservation, LinePoint};
 
@@ -61,6 +62,8 @@ pub(super) struct ImageMeasurements<'a> {
     pub(super) fold_half_turn: bool,
     /// Exponent of the points' likelihood, below 1 since their errors are correlated.
     pub(super) likelihood_exponent: f32,
+    /// A map whose errors may explain more than those of the points.
+    pub(super) map: Option<&'a MapCorrection>,
 }
 
 impl Candidates {
@@ -197,9 +200,8 @@ impl Candidates {
             }
             let tilt = hypothesis.tilt;
             let matched = matcher.evaluate(measurements.distances, measurements.points, pose, tilt);
-            let cost = measurements.likelihood_exponent * matched.cost
-                + matcher.tilt_cost(tilt)
-                + measurements.negative_log_likelihood(pose);
+            let cost =
+                measurements.cost(matcher, &matched) + measurements.negative_log_likelihood(pose);
             let mut evidence = Evidence::new(pose, initial_log_weight);
             evidence.add(pose, -cost);
             self.candidates.push(Candidate {
@@ -264,8 +266,9 @@ impl Candidate {
         self.filter.update(&matched, tilt_prior, config);
         self.images = self.images.saturating_add(1);
         // The priors of pose and tilt count in full: their errors are not those of neighbouring points.
-        let cost = measurements.likelihood_exponent * matched.cost
-            + 0.5 * matched.mahalanobis_squared
+        let by_pose = 0.5 * matched.mahalanobis_squared - matcher.tilt_cost(matched.tilt);
+        let cost = measurements.cost(matcher, &matched)
+            + by_pose
             + measurements.negative_log_likelihood(matched.pose);
         self.evidence.add(matched.pose, -cost);
         self.hypothesis = Hypothesis::from_match(&matched);
@@ -273,6 +276,20 @@ impl Candidate {
 }
 
 impl ImageMeasurements<'_> {
+    /// Negative log likelihood of points and tilt.
+    fn cost(&self, matcher: &Matcher, matched: &Match) -> f32 {
+        match self.map {
+            Some(map) => map.image_cost(
+                matched.pose,
+                matched.tilt,
+                (matcher.tilt_std(), self.likelihood_exponent),
+                self.distances,
+                matcher.config(),
+            ),
+            None => self.likelihood_exponent * matched.cost + matcher.tilt_cost(matched.tilt),
+        }
+    }
+
     /// Negative log likelihood of a pose by compass and goals.
     fn negative_log_likelihood(&self, pose: Pose) -> f32 {
         let compass = self.heading_prior.map_or(0.0, |prior| {

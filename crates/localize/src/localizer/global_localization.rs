@@ -78,6 +78,10 @@ impl Localizer {
             fold_half_turn,
             likelihood_exponent: self.config.branch_and_bound.likelihood_exponent
                 * (points_used / points.len() as f32).min(1.0),
+            map: self
+                .map_correction
+                .as_deref()
+                .filter(|map| map.is_uncertain()),
         };
         candidates.update(
             &mut self.matcher,

@@ -16,7 +16,9 @@ use crate::sample::LinePoint;
 use crate::tilt::ground_from_map;
 
 /// Shares of a new map's standard deviation by which the points' reach is widened, step by step.
-const REACH: [f32; 7] = [2.0, 1.0, 0.7, 0.4, 0.2, 0.1, 0.0];
+const REACHES: [f32; 7] = [2.0, 1.0, 0.7, 0.4, 0.2, 0.1, 0.0];
+/// Steps at each reach. The lean of the rig, the mean of all tilts, follows slowly.
+const STEPS: usize = 4;
 /// Variance of the mean error of an image's points over that of independent ones: errors of neighbouring points are alike, and those
 /// of images repeat (docs/methods.md 5.9). What an image tells beyond that is no information about a shift of all of them.
 const REPETITION: f64 = 10.0;
@@ -61,7 +63,7 @@ impl DriveFit {
         let mut states: Vec<ImageState> = images.iter().map(start).collect();
         let (mut coefficients, mut covariance) = (TermVector::zeros(), map.prior);
         let mut lean = [0.0; 2];
-        for reach in REACH {
+        for reach in REACHES.into_iter().flat_map(|reach| [reach; STEPS]) {
             let (mut information, mut gradient) = (TermMatrix::zeros(), TermVector::zeros());
             let mut sums = Vec::with_capacity(images.len());
             for (state, (pose, points)) in states.iter_mut().zip(images) {

@@ -10,6 +10,7 @@ mod block;
 mod config;
 mod drive_fit;
 mod far_mount;
+mod image_cost;
 mod image_fit;
 mod knock;
 mod learning;

@@ -8,6 +8,11 @@ use crate::math;
 use crate::sample::LinePoint;
 
 impl RawPoint {
+    /// Distance from the robot after the correction, metres.
+    pub(super) fn range(&self) -> f32 {
+        math::hypot(self.at[0], self.at[1])
+    }
+
     /// A point that the map showed at `given`.
     fn new(point: &LinePoint, given: [f32; 2], displaced: &DisplacedPoint) -> Self {
         let ambiguity = displaced.ambiguity * displaced.ambiguity;
@@ -80,7 +85,7 @@ impl MapCorrection {
     }
 
     /// Variances of a displaced point at `range` metres: radial, tangential; m².
-    fn variances_at(&self, range: f32) -> [f32; 2] {
+    pub(super) fn variances_at(&self, range: f32) -> [f32; 2] {
         let (node, share) = self.basis.node_at(range);
         let slope = range / self.basis.height();
         let per_radian = self.basis.height() * (1.0 + slope * slope);
