@@ -14,7 +14,7 @@ use crate::error::VisionError;
 use crate::output_file::{OutputFile, ensure_can_create};
 
 pub use orientation::{CommonOrientation, Orientation};
-pub(crate) use pixel_batch::{OUTSIDE, load_pixel};
+pub(crate) use pixel_batch::{OUTSIDE, load_pixels};
 
 /// Largest accepted image or map, pixels. Larger ones are refused before they are unpacked.
 pub const PIXELS_MAX: usize = 64 * 1024 * 1024;

@@ -102,19 +102,35 @@ impl ColourLookupTable {
     }
 
     /// Writes the classes of cells to the slots with these indices.
-    #[inline]
     pub(crate) fn scatter(&self, cells: &[u32], numbers: &[u32], slots: &mut [ColourClass]) {
         let mut any = 0;
-        for (&cell, &number) in cells.iter().zip(numbers) {
+        let mut write = |cell: u32, number: u32| {
             let class = self.classes[cell as usize % CELLS].load(Ordering::Relaxed);
             any |= class;
             slots[number as usize] = ColourClass(class);
-        }
-        // One branch per batch: unfilled cells are rare, so the batch is repeated.
-        if any >= UNFILLED / 2 {
+        };
+        // Eight at a time, to amortise the loop overhead.
+        let (blocks, rest) = cells.as_chunks::<8>();
+        let (number_blocks, number_rest) = numbers.as_chunks::<8>();
+        for (cells, numbers) in blocks.iter().zip(number_blocks) {
             for (&cell, &number) in cells.iter().zip(numbers) {
-                slots[number as usize] = self.cell_class(cell);
+                write(cell, number);
             }
+        }
+        for (&cell, &number) in rest.iter().zip(number_rest) {
+            write(cell, number);
+        }
+        // One branch for all of them: unfilled cells are rare, so everything is repeated.
+        if any >= UNFILLED / 2 {
+            self.scatter_unfilled(cells, numbers, slots);
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn scatter_unfilled(&self, cells: &[u32], numbers: &[u32], slots: &mut [ColourClass]) {
+        for (&cell, &number) in cells.iter().zip(numbers) {
+            slots[number as usize] = self.cell_class(cell);
         }
     }
 

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
-use crate::image::{ImageView, PixelFormat, load_pixel};
+use crate::image::{ImageView, PixelFormat, load_pixels};
 
 /// Classifies a fixed set of pixels.
 ///
@@ -20,10 +20,9 @@ pub(crate) struct PixelClassifier {
     /// First byte of each pixel in an image of `layout` (RGB only).
     byte_offsets: Vec<u32>,
     layout: Option<(PixelFormat, usize)>,
+    /// Channels, then cells of the table, of the pixels that are being classified.
+    cells: Vec<u32>,
 }
-
-/// Pixels per batch: enough for vector registers, small enough for the stack.
-const BATCH: usize = 64;
 
 impl PixelClassifier {
     /// `pixels`: column and row of each, in an image of this height.
@@ -37,6 +36,7 @@ impl PixelClassifier {
             output_indices: sorted.iter().map(|(_, number)| *number).collect(),
             byte_offsets: Vec::with_capacity(pixels.len()),
             layout: None,
+            cells: Vec::new(),
         }
     }
 
@@ -58,39 +58,16 @@ impl PixelClassifier {
         }
         let here = self.row_starts[rows.start] as usize..self.row_starts[rows.end] as usize;
         let outputs = &self.output_indices[here.clone()];
+        let cells = &mut self.cells;
+        cells.resize(here.len(), 0);
+        // One step for all of them after the other: a vector cannot be read back until its parts have left the core's buffers.
         match image.format {
-            PixelFormat::Rgb8 => {
-                let offsets = &self.byte_offsets[here];
-                classify(offsets, outputs, table, classes, |offsets, cells| {
-                    for (cell, &offset) in cells.iter_mut().zip(offsets) {
-                        *cell = load_pixel(image.data, offset as usize);
-                    }
-                });
-            }
-            _ => {
-                let pixels = &self.pixels[here];
-                classify(pixels, outputs, table, classes, |pixels, cells| {
-                    image.read_native(pixels, cells);
-                });
-            }
+            PixelFormat::Rgb8 => load_pixels(image.data, &self.byte_offsets[here], cells),
+            _ => image.read_native(&self.pixels[here], cells),
         }
-    }
-}
-
-/// Classifies pixels; `read` reads the channels of a batch, the first in the lowest byte.
-fn classify<P>(
-    pixels: &[P],
-    outputs: &[u32],
-    table: &ColourLookupTable,
-    classes: &mut [ColourClass],
-    read: impl Fn(&[P], &mut [u32; BATCH]),
-) {
-    let mut cells = [0u32; BATCH];
-    for (pixels, outputs) in pixels.chunks(BATCH).zip(outputs.chunks(BATCH)) {
-        read(pixels, &mut cells);
-        for cell in &mut cells {
+        for cell in &mut *cells {
             *cell = ColourLookupTable::cell_index(*cell);
         }
-        table.scatter(&cells, outputs, classes);
+        table.scatter(cells, outputs, classes);
     }
 }

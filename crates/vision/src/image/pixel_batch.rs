@@ -136,9 +136,24 @@ fn read_each(pixels: &[[u16; 2]], channels: &mut [u32], read: impl Fn(usize, usi
     }
 }
 
+/// Pixels at byte offsets, as [`load_pixel`] loads them.
+pub(crate) fn load_pixels(data: &[u8], offsets: &[u32], pixels: &mut [u32]) {
+    // Eight at a time, to amortise the loop overhead.
+    let (blocks, rest) = offsets.as_chunks::<8>();
+    let (pixel_blocks, pixel_rest) = pixels.as_chunks_mut::<8>();
+    for (pixels, offsets) in pixel_blocks.iter_mut().zip(blocks) {
+        for (pixel, &offset) in pixels.iter_mut().zip(offsets) {
+            *pixel = load_pixel(data, offset as usize);
+        }
+    }
+    for (pixel, &offset) in pixel_rest.iter_mut().zip(rest) {
+        *pixel = load_pixel(data, offset as usize);
+    }
+}
+
 /// Three bytes from an offset, the first lowest: a single load wherever a fourth byte follows. 0 behind the data's end.
 #[inline(always)]
-pub(crate) fn load_pixel(data: &[u8], offset: usize) -> u32 {
+fn load_pixel(data: &[u8], offset: usize) -> u32 {
     match data.get(offset..offset + 4) {
         Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]),
         _ => load_last_pixel(data, offset),

@@ -3,10 +3,12 @@
 use localize::frames::{At, RobotFrame};
 use localize::math;
 
+use crate::colour::class_bits::{class_bits, count_class};
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ObjectDetectionConfig;
+use crate::objects::carpet_end::{CarpetEnd, occludes_carpet_end};
 use crate::objects::covariance::covariance_from_polar;
-use crate::objects::radial_scan::{CarpetEnd, RadialScan, occludes_carpet_end};
+use crate::objects::radial_scan::RadialScan;
 
 /// Kind of a goal detection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,6 +59,10 @@ pub(crate) fn detect_goals(
         (GoalKind::Yellow, ColourClass::YELLOW),
         (GoalKind::Post, ColourClass::WHITE),
     ] {
+        // Most halls have no coloured goals.
+        if class_bits(&scan.classes, class).all(|bits| bits == 0) {
+            continue;
+        }
         let share: Vec<f32> = (0..scan.count())
             .map(|ray| goal_colour_share(scan, ray, &carpet_ends[ray], class))
             .collect();
@@ -105,8 +111,7 @@ fn goal_colour_share(
         scan.starts[ray + 1].min(carpet_end.first_beyond + 16)
     };
     let beyond = &scan.classes[carpet_end.first_beyond..far];
-    let share =
-        beyond.iter().filter(|&&found| found == class).count() as f32 / beyond.len().max(1) as f32;
+    let share = count_class(beyond, class) as f32 / beyond.len().max(1) as f32;
     if share >= 0.6 { share } else { 0.0 }
 }
 

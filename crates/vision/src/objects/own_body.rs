@@ -62,6 +62,7 @@ mod tests {
     use super::*;
     use crate::colour::lookup_table::ColourClass;
     use crate::config::ObjectDetectionConfig;
+    use crate::objects::carpet_end::find_carpet_ends;
     use crate::objects::ray_obstacles::find_ray_obstacles;
     use crate::optics::ground_map::GroundMap;
     use localize::robot::CameraConfig;
@@ -115,7 +116,7 @@ mod tests {
     /// Rays with something that touches the robot and is known not to be its body.
     fn touching(rays: &RadialScan, body: &OwnBody) -> Vec<usize> {
         let config = ObjectDetectionConfig::default();
-        let ends = rays.find_carpet_ends(&config);
+        let ends = find_carpet_ends(rays, &config);
         let obstacles = find_ray_obstacles(rays, &ends, body, &config);
         let is_other = |ray: &usize| obstacles[*ray].is_some_and(|found| found.beyond_own_body);
         (0..rays.count()).filter(is_other).collect()

@@ -33,25 +33,13 @@ pub(crate) struct RadialScan {
     horizon: Vec<usize>,
     /// Range of each sample, contiguous in memory.
     pub(crate) ranges: Vec<f32>,
+    /// Of each ray, whether its ranges never fall.
+    pub(crate) ascending: Vec<bool>,
     /// Class of each sample in the last image read.
     pub(crate) classes: Vec<ColourClass>,
     reader: PixelClassifier,
 }
 
-/// End of the carpet along one ray.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct CarpetEnd {
-    /// Range of the last carpet sample, metres; infinite if nothing ends the carpet or none is visible.
-    pub(crate) range: f32,
-    /// First sample beyond it.
-    pub(crate) first_beyond: usize,
-    /// True if the ray shows carpet.
-    pub(crate) carpet_seen: bool,
-}
-
-/// Carpet starts again if this many of the last five samples are carpet; fewer are noise on a dark object.
-const CARPET_HISTORY_MASK: u32 = 0b1_1111;
-const CARPET_HISTORY_MIN: u32 = 4;
 /// Samples of other colours that do not split a ball: noise, a cable.
 const BALL_GAP_SAMPLES: usize = 2;
 /// Samples before a run of which one is carpet: the ball's edge is mixed with it, a line may lie between.
@@ -59,8 +47,6 @@ const FLOOR_SAMPLES: usize = 4;
 /// Shortest and longest run of a ball's colour, balls on the ground. A ball in the air appears larger.
 const BALL_EXTENTS_MIN: f32 = 0.3;
 const BALL_EXTENTS_MAX: f32 = 3.0;
-/// Samples of a ray that count as next to the robot.
-const NEAR_ROBOT_SAMPLES: usize = 8;
 
 impl RadialScan {
     pub(crate) fn new(
@@ -110,6 +96,10 @@ impl RadialScan {
         };
         RadialScan {
             horizon: starts.array_windows().map(first_above).collect(),
+            ascending: starts
+                .array_windows()
+                .map(|&[start, end]| ranges[start..end].is_sorted())
+                .collect(),
             ranges,
             reader: PixelClassifier::new(&pixels, map.height_px),
             classes: vec![ColourClass::OTHER; samples.len()],
@@ -151,16 +141,6 @@ impl RadialScan {
         let clear = |pair: &[ColourClass; 2]| *pair == [ColourClass::CARPET; 2];
         let seen = classes.array_windows().position(clear);
         from + seen.unwrap_or(classes.len())
-    }
-
-    /// Finds the end of the carpet along each ray.
-    ///
-    /// Gaps of up to `carpet_gap_max` plus `carpet_gap_per_range` times the range are ignored: cables, shadows, a ball.
-    /// White counts a quarter, since a line may point at the robot. A ray whose nearest samples are covered (own body,
-    /// a rod) starts at its first carpet.
-    pub(crate) fn find_carpet_ends(&self, config: &ObjectDetectionConfig) -> Vec<CarpetEnd> {
-        let carpet_end = |ray| self.find_carpet_end(ray, config);
-        (0..self.count()).map(carpet_end).collect()
     }
 
     /// Samples of the ball's colour from which a ball may be filled, each with its ray's azimuth, turns: the nearest of
@@ -248,97 +228,4 @@ impl RadialScan {
             && continues(ray + aside)
             && continues(ray + self.count() - aside))
     }
-
-    fn find_carpet_end(&self, ray: usize, config: &ObjectDetectionConfig) -> CarpetEnd {
-        let (start, end) = (self.starts[ray], self.starts[ray + 1]);
-        let classes = &self.classes[..end];
-        let endless = |carpet| CarpetEnd {
-            range: f32::INFINITY,
-            first_beyond: end,
-            carpet_seen: carpet,
-        };
-        let Some((mut last, mut recent)) = first_carpet(classes, start) else {
-            return endless(false);
-        };
-        loop {
-            let more = count_leading_carpet(&classes[last + 1..]);
-            recent = ((recent + 1) << more.min(5)) - 1;
-            last += more;
-            let range = self.ranges[last];
-            let gap_max = config.carpet_gap_max + config.carpet_gap_per_range * range;
-            let (mut gap, mut before) = (0.0, range);
-            let mut resumed = None;
-            for (index, &class) in classes.iter().enumerate().skip(last + 1) {
-                recent =
-                    (recent << 1 | u32::from(class == ColourClass::CARPET)) & CARPET_HISTORY_MASK;
-                if class == ColourClass::CARPET && recent.count_ones() >= CARPET_HISTORY_MIN {
-                    resumed = Some(index);
-                    break;
-                }
-                let here = self.ranges[index];
-                let step = here - before;
-                before = here;
-                gap += if class == ColourClass::WHITE {
-                    0.25 * step
-                } else {
-                    step
-                };
-                if gap > gap_max {
-                    return CarpetEnd {
-                        range,
-                        first_beyond: last + 1,
-                        carpet_seen: true,
-                    };
-                }
-            }
-            match resumed {
-                Some(index) => last = index,
-                None => return endless(true),
-            }
-        }
-    }
-}
-
-/// First carpet sample of a ray, and a bit mask of carpet among the last samples up to it.
-fn first_carpet(classes: &[ColourClass], start: usize) -> Option<(usize, u32)> {
-    let mut recent = 0u32;
-    for (index, &class) in classes.iter().enumerate().skip(start) {
-        recent = (recent << 1 | u32::from(class == ColourClass::CARPET)) & CARPET_HISTORY_MASK;
-        // Next to the robot little carpet may be visible before an obstacle: two samples suffice.
-        let near = index < start + NEAR_ROBOT_SAMPLES && recent & 0b11 == 0b11;
-        if class == ColourClass::CARPET && (near || recent.count_ones() >= CARPET_HISTORY_MIN) {
-            return Some((index, recent));
-        }
-    }
-    None
-}
-
-/// True if the carpet reaches at least `more` metres beyond `range` on both sides of a group of rays.
-///
-/// Skips one ray on each side, which may graze the silhouette.
-pub(crate) fn occludes_carpet_end(
-    carpet_ends: &[CarpetEnd],
-    group: &[usize],
-    range: f32,
-    more: f32,
-) -> bool {
-    let (Some(first), Some(last)) = (group.first(), group.last()) else {
-        return false;
-    };
-    let count = carpet_ends.len();
-    [(first + count - 2) % count, (last + 2) % count]
-        .iter()
-        .all(|&ray| carpet_ends[ray].range - range >= more)
-}
-
-/// Number of leading carpet samples.
-fn count_leading_carpet(classes: &[ColourClass]) -> usize {
-    let other = |class: &ColourClass| *class != ColourClass::CARPET;
-    // Whole blocks first, vectorised.
-    let (blocks, _) = classes.as_chunks::<16>();
-    let plain =
-        |block: &&[ColourClass; 16]| block.iter().fold(true, |all, class| all & !other(class));
-    let passed = 16 * blocks.iter().take_while(plain).count();
-    let rest = &classes[passed..];
-    passed + rest.iter().position(other).unwrap_or(rest.len())
 }

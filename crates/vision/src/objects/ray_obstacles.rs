@@ -4,8 +4,9 @@ use localize::math;
 
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ObjectDetectionConfig;
+use crate::objects::carpet_end::CarpetEnd;
 use crate::objects::own_body::OwnBody;
-use crate::objects::radial_scan::{CarpetEnd, RadialScan};
+use crate::objects::radial_scan::RadialScan;
 
 /// Obstacle of one ray.
 #[derive(Debug, Clone, Copy)]

@@ -9,10 +9,11 @@ use localize::math;
 use localize::world::TeamColour;
 
 use crate::config::ObjectDetectionConfig;
+use crate::objects::carpet_end::CarpetEnd;
 use crate::objects::covariance::covariance_from_polar;
 use crate::objects::ground_contact::{GroundContact, GroundContactSearch};
 use crate::objects::own_body::OwnBody;
-use crate::objects::radial_scan::{CarpetEnd, RadialScan};
+use crate::objects::radial_scan::RadialScan;
 use crate::objects::ray_obstacles::{
     BASE_SAMPLES, RayObstacle, find_ray_obstacles, range_step_max,
 };

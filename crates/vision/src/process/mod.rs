@@ -16,10 +16,11 @@ use crate::error::VisionError;
 use crate::image::ImageView;
 use crate::lines::detection::LineScratch;
 use crate::objects::ball::VisitedMask;
+use crate::objects::carpet_end::{CarpetEnd, find_carpet_ends};
 use crate::objects::goals::detect_goals;
 use crate::objects::own_body::OwnBody;
 use crate::objects::pixel_stage::PixelStage;
-use crate::objects::radial_scan::{CarpetEnd, RadialScan};
+use crate::objects::radial_scan::RadialScan;
 use crate::objects::virtual_sensors::VirtualSensors;
 use crate::optics::ground_map::GroundMap;
 use crate::scan::brightness::BrightnessReader;
@@ -36,7 +37,7 @@ use colour_model::ColourModel;
 const CARPET_SAMPLE_STRIDE: usize = 16;
 
 /// All readers process this many rows before the next band, so that the band stays in the core's cache.
-const BAND_ROWS: usize = 4;
+const BAND_ROWS: usize = 8;
 
 /// What localization needs of an image, found before its objects are sought.
 #[derive(Debug, Clone)]
@@ -359,7 +360,7 @@ impl Vision {
 
     /// Finds the carpet's boundary along each ray.
     fn find_carpet_ends(&self, detections: &mut Detections) -> Vec<CarpetEnd> {
-        let carpet_ends = self.radial_scan.find_carpet_ends(&self.config.objects);
+        let carpet_ends = find_carpet_ends(&self.radial_scan, &self.config.objects);
         detections.carpet_end = carpet_ends
             .iter()
             .map(|carpet_end| carpet_end.range)

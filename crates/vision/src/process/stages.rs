@@ -5,9 +5,9 @@ use crate::lines::detection::{ScanReadout, detect_line_points};
 use crate::lines::validator::LineValidator;
 use crate::lines::wall_bases::detect_wall_bases;
 use crate::objects::ball::BallDetector;
+use crate::objects::carpet_end::CarpetEnd;
 use crate::objects::ground_contact::GroundContactSearch;
 use crate::objects::pixel_stage::PixelStageInput;
-use crate::objects::radial_scan::CarpetEnd;
 use crate::objects::robots::detect_robots;
 use crate::scan::pattern::ScanLines;
 

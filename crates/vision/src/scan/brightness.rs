@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use crate::image::{ImageView, PixelFormat};
 use crate::scan::pattern::{ScanLines, ScanPattern, ScanSample};
+use crate::scan::rgb_weights::RgbWeights;
 
 /// Computes the samples' brightness row by row.
 #[derive(Debug, Clone)]
@@ -84,16 +85,16 @@ impl BrightnessReader {
     ) {
         let sum = ChannelWeights::new(weights, image.format);
         let selection = &Selection { lines, rows };
+        let [r, g, b] = weights.map(|weight| weight as u16);
         // Captured by value: a reference would be reloaded for each pixel.
-        let three = move |&[r, g, b]: &[u8; 3]| sum.rgb(r, g, b);
         let yuv = move |y, u, v| sum.apply([y, u, v]);
         match image.format {
             PixelFormat::Grey8 => self.weigh(image, sum, selection, move |&[y]: &[u8; 1]| {
-                [three(&[y; 3])]
+                [sum.rgb(y, y, y)]
             }),
-            PixelFormat::Rgb8 => self.weigh(image, sum, selection, move |rgb| [three(rgb)]),
+            PixelFormat::Rgb8 => self.weigh_rgb(image, sum, selection, [r, g, b]),
             PixelFormat::Bgr8 => {
-                self.weigh(image, sum, selection, move |&[b, g, r]| [three(&[r, g, b])])
+                self.weigh_rgb(image, sum, selection, [b, g, r]);
             }
             PixelFormat::Yuyv => {
                 self.weigh(image, sum, selection, move |&[y, u, z, v]| {
@@ -164,6 +165,22 @@ impl BrightnessReader {
         for (slot, &at) in rest.iter_mut().zip(at_rest) {
             *slot = value(at);
         }
+    }
+
+    /// Weights pixels of three bytes; `weights`: of the bytes in their order, of 256.
+    fn weigh_rgb(
+        &mut self,
+        image: &ImageView<'_>,
+        sum: ChannelWeights,
+        selection: &Selection<'_>,
+        weights: [u16; 3],
+    ) {
+        let weights = RgbWeights::new(weights);
+        self.for_each_span(image, sum, selection, |span, values: &mut [[u8; 1]]| {
+            let start = span.row * image.stride + 3 * span.column;
+            let bytes = &image.data[start..start + 3 * values.len()];
+            weights.weigh(bytes, values.as_flattened_mut());
+        });
     }
 
     /// Weights formats that pack `PIXELS` pixels into `BYTES` bytes.

@@ -4,3 +4,4 @@ pub(crate) mod brightness;
 pub(crate) mod limits;
 pub mod pattern;
 pub(crate) mod peaks;
+pub(crate) mod rgb_weights;

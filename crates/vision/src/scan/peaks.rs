@@ -1,5 +1,7 @@
 //! Peaks of brightness along a scan line, of any width, by a threshold on their height.
 
+use wide::u8x16;
+
 /// A peak with its bases; indices of samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Peak {
@@ -42,15 +44,35 @@ pub(crate) fn find_peaks(values: &[u8], thresholds: &[u8], mut found: impl FnMut
         rising: false,
         left_valley: 0,
     };
+    let mut measure = |turn: Turn| {
+        let threshold = thresholds[turn.fall];
+        if let Some(peak) = measure_peak(values, turn.left_valley, turn.high_index, threshold) {
+            found(peak);
+        }
+    };
     let (blocks, rest) = values.as_chunks::<BLOCK>();
-    for (number, block) in blocks.iter().enumerate() {
+    let (threshold_blocks, threshold_rest) = thresholds.as_chunks::<BLOCK>();
+    for (number, (block, thresholds)) in blocks.iter().zip(threshold_blocks).enumerate() {
         let start = number * BLOCK;
-        if !scanner.skip_block(block, start, thresholds[start + BLOCK - 1]) {
-            scanner.scan_samples(values, thresholds, start..start + BLOCK, &mut found);
+        if !scanner.skip_block(block, start, thresholds[BLOCK - 1]) {
+            scanner.scan_block(block, thresholds, start, &mut measure);
         }
     }
-    let rest = values.len() - rest.len()..values.len();
-    scanner.scan_samples(values, thresholds, rest, &mut found);
+    if let (Some(&value), Some(&threshold)) = (rest.last(), threshold_rest.last()) {
+        // Repeated last samples: at none of them the line turns.
+        let (mut block, mut thresholds) = ([value; BLOCK], [threshold; BLOCK]);
+        block[..rest.len()].copy_from_slice(rest);
+        thresholds[..rest.len()].copy_from_slice(threshold_rest);
+        scanner.scan_block(&block, &thresholds, blocks.len() * BLOCK, &mut measure);
+    }
+}
+
+/// Where a line turns from rising to falling.
+struct Turn {
+    left_valley: usize,
+    high_index: usize,
+    /// First sample that is by its threshold below the highest.
+    fall: usize,
 }
 
 /// State of the scan: rising to a peak or falling to a valley.
@@ -90,74 +112,111 @@ impl PeakScanner {
         true
     }
 
-    fn scan_samples(
+    /// Calls `turned` at every fall from a peak within the block.
+    fn scan_block(
         &mut self,
-        values: &[u8],
-        thresholds: &[u8],
-        range: std::ops::Range<usize>,
-        found: &mut impl FnMut(Peak),
+        block: &[u8; BLOCK],
+        thresholds: &[u8; BLOCK],
+        start: usize,
+        turned: &mut impl FnMut(Turn),
     ) {
-        let (values_here, thresholds) = (&values[..range.end], &thresholds[..range.end]);
-        let mut index = range.start;
-        while index < range.end {
+        let values = u8x16::from(*block);
+        let thresholds = u8x16::from(*thresholds);
+        let mut lane = 0;
+        while lane < BLOCK {
+            // A rise is a fall of the complement.
+            let (values, extreme) = match self.rising {
+                true => (values, self.high),
+                false => (!values, !self.low),
+            };
+            let drop = find_drop(values, thresholds, lane, extreme);
+            let (extreme, index) = match self.rising {
+                true => (&mut self.high, &mut self.high_index),
+                false => (&mut self.low, &mut self.low_index),
+            };
+            if let Some(highest) = drop.highest {
+                *index = start + highest;
+                *extreme = block[highest];
+            }
+            let Some(drop) = drop.lane else {
+                return;
+            };
+            let here = start + drop;
             if self.rising {
-                let Some(fall) = self.find_fall(values_here, thresholds, index) else {
-                    return;
-                };
-                if let Some(peak) =
-                    measure_peak(values, self.left_valley, self.high_index, thresholds[fall])
-                {
-                    found(peak);
-                }
-                self.rising = false;
-                (self.low, self.low_index) = (values[fall], fall);
-                index = fall + 1;
+                turned(Turn {
+                    left_valley: self.left_valley,
+                    high_index: self.high_index,
+                    fall: here,
+                });
+                (self.low, self.low_index) = (block[drop], here);
             } else {
-                let Some(rise) = self.find_rise(values_here, thresholds, index) else {
-                    return;
-                };
-                self.rising = true;
                 self.left_valley = self.low_index;
-                (self.high, self.high_index) = (values[rise], rise);
-                index = rise + 1;
+                (self.high, self.high_index) = (block[drop], here);
             }
+            self.rising = !self.rising;
+            lane = drop + 1;
         }
-    }
-
-    /// First sample that is by its threshold below the maximum so far.
-    fn find_fall(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
-        let (mut high, mut high_at) = (self.high, self.high_index);
-        let samples = values[start..].iter().zip(&thresholds[start..]);
-        let mut fall = None;
-        for (index, (&value, &threshold)) in (start..).zip(samples) {
-            if high.saturating_sub(value) >= threshold {
-                fall = Some(index);
-                break;
-            }
-            high_at = if value > high { index } else { high_at };
-            high = high.max(value);
-        }
-        (self.high, self.high_index) = (high, high_at);
-        fall
-    }
-
-    /// First sample that is by its threshold above the minimum so far.
-    fn find_rise(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
-        let (mut low, mut low_at) = (self.low, self.low_index);
-        let samples = values[start..].iter().zip(&thresholds[start..]);
-        let mut rise = None;
-        for (index, (&value, &threshold)) in (start..).zip(samples) {
-            if value.saturating_sub(low) >= threshold {
-                rise = Some(index);
-                break;
-            }
-            low_at = if value < low { index } else { low_at };
-            low = low.min(value);
-        }
-        (self.low, self.low_index) = (low, low_at);
-        rise
     }
 }
+
+/// What [`find_drop`] finds in a block.
+struct Drop {
+    /// First value that is by its threshold below the highest before it.
+    lane: Option<usize>,
+    /// First of the highest values before it, or of all; None if an earlier block has one as high.
+    highest: Option<usize>,
+}
+
+/// Finds where values first drop by their threshold below the highest so far, from a lane on; `high`: the highest before.
+#[inline(always)]
+fn find_drop(values: u8x16, thresholds: u8x16, lane: usize, high: u8) -> Drop {
+    let (_, open) = OPEN_LANES.split_at(BLOCK - lane);
+    let open = open
+        .first_chunk()
+        .map_or(u8x16::ZERO, |&lanes| u8x16::from(lanes));
+    let seen = values & open;
+    // Highest up to each lane, by doubling.
+    let highest = SHIFTS.iter().fold(seen, |highest, &lanes| {
+        highest.max(highest.shuffle_zeroing(u8x16::from(lanes)))
+    });
+    let highest = highest.max(u8x16::splat(high));
+    let below = highest.saturating_sub(values);
+    let drops = (below.simd_ge(thresholds) & open).to_bitmask();
+    let drop = (drops != 0).then_some(drops.trailing_zeros() as usize);
+    let last = drop.unwrap_or(BLOCK - 1);
+    let top = highest.to_array()[last];
+    let tops = (seen.simd_eq(u8x16::splat(top)) & open).to_bitmask();
+    Drop {
+        lane: drop,
+        highest: (top > high).then_some(tops.trailing_zeros() as usize),
+    }
+}
+
+/// Lanes from one on: a window of these.
+const OPEN_LANES: [u8; 2 * BLOCK] = {
+    let mut lanes = [0; 2 * BLOCK];
+    let mut lane = BLOCK;
+    while lane < lanes.len() {
+        lanes[lane] = u8::MAX;
+        lane += 1;
+    }
+    lanes
+};
+
+/// Indices that shift a vector by 1, 2, 4 and 8 lanes; those outside it give 0.
+const SHIFTS: [[u8; BLOCK]; 4] = {
+    let mut shifts = [[0; BLOCK]; 4];
+    let mut step = 0;
+    while step < shifts.len() {
+        let mut lane = 0;
+        while lane < BLOCK {
+            shifts[step][lane] = (lane as u8).wrapping_sub(1 << step);
+            lane += 1;
+        }
+        step += 1;
+    }
+    shifts
+};
 
 /// Minimum and maximum of a block; vectorises only as a separate function.
 #[inline(never)]
