@@ -80,9 +80,9 @@ impl ImageView<'_> {
             for (offset, &[u, v]) in offsets.iter_mut().zip(pixels) {
                 *offset = u32::from(v) * stride + bytes * (u32::from(u) & !second);
             }
-            for ((channels, &[u, _]), offset) in channels.iter_mut().zip(pixels).zip(offsets) {
-                let word = load_pixel(data, offset as usize);
-                *channels = channels_of(word, u32::from(u) & second);
+            load_pixels(data, &offsets[..pixels.len()], channels);
+            for (channels, &[u, _]) in channels.iter_mut().zip(pixels) {
+                *channels = channels_of(*channels, u32::from(u) & second);
             }
         }
     }
@@ -137,6 +137,7 @@ fn read_each(pixels: &[[u16; 2]], channels: &mut [u32], read: impl Fn(usize, usi
 }
 
 /// Pixels at byte offsets, as [`load_pixel`] loads them.
+#[inline(always)]
 pub(crate) fn load_pixels(data: &[u8], offsets: &[u32], pixels: &mut [u32]) {
     // Eight at a time, to amortise the loop overhead.
     let (blocks, rest) = offsets.as_chunks::<8>();

@@ -9,9 +9,10 @@ use crate::lines::validator::{
     LineCandidate, LineValidator, PeakGround, ScanLineSlice, white_contrast,
 };
 use crate::scan::brightness::BrightnessReader;
+use crate::scan::flanks::Peak;
 use crate::scan::limits::ScanLimits;
 use crate::scan::pattern::{ScanLines, ScanPattern};
-use crate::scan::peaks::{Peak, find_peaks};
+use crate::scan::peaks::find_peaks;
 
 pub use crate::lines::result::{LinePointDetection, RejectedCandidate, RejectionReason};
 
@@ -77,10 +78,11 @@ pub(crate) fn detect_line_points(
             .limits
             .segment_end(number, segments, validator.carpet_end);
         let range = segment.start as usize..end;
-        let values = &mut values[range.clone()];
-        readout.brightness.gather(range.clone(), values);
         let (start, end) = (segment.start, end as u32);
-        find_peaks(values, &readout.peak_thresholds[range], |peak| {
+        readout
+            .brightness
+            .gather(range.clone(), &mut values[range.clone()]);
+        find_peaks(values, readout.peak_thresholds, range, |peak| {
             found.push(ScanPeak { start, end, peak });
         });
     }

@@ -8,8 +8,8 @@ use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::LineConfig;
 use crate::image::ImageView;
 use crate::lines::result::{LinePointDetection, RejectedCandidate, RejectionReason};
+use crate::scan::flanks::Peak;
 use crate::scan::pattern::ScanSample;
-use crate::scan::peaks::Peak;
 
 /// Validates peaks of one image.
 pub(crate) struct LineValidator<'a> {

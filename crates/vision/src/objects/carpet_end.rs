@@ -34,11 +34,11 @@ struct CarpetBits {
 }
 
 impl CarpetBits {
-    fn read(&mut self, classes: &[ColourClass]) {
+    fn read(&mut self, classes: &[ColourClass], ray: Range<usize>) {
         self.carpet.clear();
         self.resumed.clear();
         let mut before = 0;
-        for here in class_bits(classes, ColourClass::CARPET) {
+        for here in class_bits(classes, ray, ColourClass::CARPET) {
             let [a, b, c, d] = [1, 2, 3, 4].map(|lag| here << lag | before >> (WORD - lag));
             let three = (a & b) & (c | d) | (c & d) & (a | b);
             self.carpet.push(here);
@@ -101,7 +101,7 @@ pub(crate) fn find_carpet_ends(
             ranges: &rays.ranges[samples.clone()],
             ascending: rays.ascending[ray],
         };
-        bits.read(view.classes);
+        bits.read(&rays.classes, samples.clone());
         let end = view.find_carpet_end(&bits, config);
         CarpetEnd {
             first_beyond: samples.start + end.first_beyond,

@@ -60,7 +60,7 @@ pub(crate) fn detect_goals(
         (GoalKind::Post, ColourClass::WHITE),
     ] {
         // Most halls have no coloured goals.
-        if class_bits(&scan.classes, class).all(|bits| bits == 0) {
+        if class_bits(&scan.classes, 0..scan.classes.len(), class).all(|bits| bits == 0) {
             continue;
         }
         let share: Vec<f32> = (0..scan.count())
@@ -110,8 +110,9 @@ fn goal_colour_share(
     } else {
         scan.starts[ray + 1].min(carpet_end.first_beyond + 16)
     };
-    let beyond = &scan.classes[carpet_end.first_beyond..far];
-    let share = count_class(beyond, class) as f32 / beyond.len().max(1) as f32;
+    let beyond = carpet_end.first_beyond..far;
+    let samples = beyond.len().max(1) as f32;
+    let share = count_class(&scan.classes, beyond, class) as f32 / samples;
     if share >= 0.6 { share } else { 0.0 }
 }
 

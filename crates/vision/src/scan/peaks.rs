@@ -1,30 +1,10 @@
 //! Peaks of brightness along a scan line, of any width, by a threshold on their height.
 
+use std::ops::Range;
+
 use wide::u8x16;
 
-/// A peak with its bases; indices of samples.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Peak {
-    /// The highest sample.
-    pub(crate) index: usize,
-    /// Start of the rise.
-    pub(crate) left_base: usize,
-    /// End of the fall.
-    pub(crate) right_base: usize,
-    /// Left half-height crossing, interpolated.
-    pub(crate) left_edge: f32,
-    /// Right half-height crossing, interpolated.
-    pub(crate) right_edge: f32,
-    /// Height above the higher base, levels.
-    pub(crate) contrast: f32,
-}
-
-impl Peak {
-    /// Midpoint of the edges, samples.
-    pub(crate) fn middle(&self) -> f32 {
-        (self.left_edge + self.right_edge) / 2.0
-    }
-}
+use crate::scan::flanks::{Peak, measure_peak};
 
 /// Samples per block when skipping plain carpet: one vector register of bytes.
 const BLOCK: usize = 16;
@@ -35,7 +15,14 @@ const BLOCK: usize = 16;
 ///
 /// A valley may be far from the peak and much deeper than its surroundings. So the bases are searched downhill from the
 /// peak, to where the values stop falling.
-pub(crate) fn find_peaks(values: &[u8], thresholds: &[u8], mut found: impl FnMut(Peak)) {
+///
+/// `values`, `thresholds`: of all scan lines; `line`: the samples of one.
+pub(crate) fn find_peaks(
+    values: &[u8],
+    thresholds: &[u8],
+    line: Range<usize>,
+    mut found: impl FnMut(Peak),
+) {
     let mut scanner = PeakScanner {
         low: u8::MAX,
         low_index: 0,
@@ -44,13 +31,21 @@ pub(crate) fn find_peaks(values: &[u8], thresholds: &[u8], mut found: impl FnMut
         rising: false,
         left_valley: 0,
     };
+    let thresholds = &thresholds[line.clone()];
     let mut measure = |turn: Turn| {
         let threshold = thresholds[turn.fall];
-        if let Some(peak) = measure_peak(values, turn.left_valley, turn.high_index, threshold) {
+        let peak = measure_peak(
+            values,
+            line.clone(),
+            turn.left_valley,
+            turn.high_index,
+            threshold,
+        );
+        if let Some(peak) = peak {
             found(peak);
         }
     };
-    let (blocks, rest) = values.as_chunks::<BLOCK>();
+    let (blocks, rest) = values[line.clone()].as_chunks::<BLOCK>();
     let (threshold_blocks, threshold_rest) = thresholds.as_chunks::<BLOCK>();
     for (number, (block, thresholds)) in blocks.iter().zip(threshold_blocks).enumerate() {
         let start = number * BLOCK;
@@ -226,57 +221,14 @@ fn min_max(block: &[u8; BLOCK]) -> (u8, u8) {
     (least, most)
 }
 
-fn measure_peak(values: &[u8], left_valley: usize, peak: usize, threshold: u8) -> Option<Peak> {
-    let level = i32::from(values[peak]);
-    let threshold = i32::from(threshold);
-    let step_min = (threshold / 4).max(1);
-    let value = |index: usize| i32::from(values[index]);
-    let mut left = peak;
-    while left > left_valley && level - value(left) < threshold {
-        left -= 1;
-    }
-    while left > left_valley && value(left) - value(left - 1) >= step_min {
-        left -= 1;
-    }
-    let mut right = peak;
-    while right + 1 < values.len() && level - value(right) < threshold {
-        right += 1;
-    }
-    while right + 1 < values.len() && value(right) - value(right + 1) >= step_min {
-        right += 1;
-    }
-    let (left_level, right_level) = (value(left), value(right));
-    let edge = |foot: i32, from: usize, outward: isize| {
-        let half = (level + foot) as f32 / 2.0;
-        let mut index = from;
-        loop {
-            let next = index.checked_add_signed(outward)?;
-            let outer = f32::from(*values.get(next)?);
-            if outer <= half {
-                let inner = f32::from(values[index]);
-                let part = (inner - half) / (inner - outer).max(1e-3);
-                return Some(index as f32 + outward as f32 * part);
-            }
-            index = next;
-        }
-    };
-    Some(Peak {
-        index: peak,
-        left_base: left,
-        right_base: right,
-        left_edge: edge(left_level, peak, -1)?,
-        right_edge: edge(right_level, peak, 1)?,
-        contrast: (level - left_level.max(right_level)) as f32,
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn collect_peaks(values: &[u8], threshold: u8) -> Vec<Peak> {
         let mut peaks = Vec::new();
-        find_peaks(values, &vec![threshold; values.len()], |peak| {
+        let thresholds = vec![threshold; values.len()];
+        find_peaks(values, &thresholds, 0..values.len(), |peak| {
             peaks.push(peak)
         });
         peaks
