@@ -101,6 +101,22 @@ impl ColourLookupTable {
         }
     }
 
+    /// Writes the classes of cells in their order.
+    #[inline]
+    pub(crate) fn classify(&self, cells: &[u32], classes: &mut [ColourClass]) {
+        let mut any = 0;
+        for (class, &cell) in classes.iter_mut().zip(cells) {
+            *class = ColourClass(self.classes[cell as usize % CELLS].load(Ordering::Relaxed));
+            any |= class.0;
+        }
+        // One branch for all of them, as in `scatter`.
+        if any >= UNFILLED / 2 {
+            for (class, &cell) in classes.iter_mut().zip(cells) {
+                *class = self.cell_class(cell);
+            }
+        }
+    }
+
     /// Writes the classes of cells to the slots with these indices.
     pub(crate) fn scatter(&self, cells: &[u32], numbers: &[u32], slots: &mut [ColourClass]) {
         let mut any = 0;

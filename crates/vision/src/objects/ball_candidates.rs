@@ -39,7 +39,7 @@ const VIEW_ANGLE_MAX: f32 = 1.5;
 const SEPARATION: f32 = 1.5;
 
 /// Places whose pixels are classified at a time.
-const BATCH: usize = 16;
+const BATCH: usize = 64;
 
 /// A place of the grid.
 #[derive(Debug, Clone, Copy)]
@@ -291,6 +291,21 @@ struct ClassCounts {
     other: usize,
 }
 
+impl ClassCounts {
+    fn of<const N: usize>(pixels: &[[u16; 2]; N], classes: &[ColourClass; N]) -> Self {
+        let (mut inside, mut carpet) = (0, 0);
+        for (&pixel, &class) in pixels.iter().zip(classes) {
+            let is_inside = pixel != OUTSIDE;
+            inside += usize::from(is_inside);
+            carpet += usize::from(is_inside & (class == ColourClass::CARPET));
+        }
+        ClassCounts {
+            carpet,
+            other: inside - carpet,
+        }
+    }
+}
+
 /// Classes of pixels about the places of a grid.
 struct PlaceClasses<'a> {
     image: &'a ImageView<'a>,
@@ -313,33 +328,22 @@ impl PlaceClasses<'_> {
             for (pixels, &place) in pixels.iter_mut().zip(&places[batch.clone()]) {
                 *pixels = pixels_of(place as usize);
             }
-            let mut native = [[0u32; N]; BATCH];
-            let native = &mut native[..batch.len()];
-            self.image
-                .read_native(pixels.as_flattened(), native.as_flattened_mut());
-            for ((index, pixels), native) in batch.zip(pixels).zip(native) {
-                let counts = self.count(pixels, native);
+            let mut cells = [[0u32; N]; BATCH];
+            let cells = cells[..batch.len()].as_flattened_mut();
+            self.image.read_native(pixels.as_flattened(), cells);
+            for cell in &mut *cells {
+                *cell = ColourLookupTable::cell_index(*cell);
+            }
+            let mut classes = [[ColourClass::OTHER; N]; BATCH];
+            self.table.classify(cells, classes.as_flattened_mut());
+            for ((index, pixels), classes) in batch.zip(pixels).zip(&classes) {
+                let counts = ClassCounts::of(pixels, classes);
                 // Without a branch, which would often be foreseen wrongly.
                 places[kept] = places[index];
                 kept += usize::from(keeps(counts));
             }
         }
         places.truncate(kept);
-    }
-
-    fn count<const N: usize>(&self, pixels: &[[u16; 2]; N], native: &[u32; N]) -> ClassCounts {
-        let (mut inside, mut carpet) = (0, 0);
-        for (&pixel, &native) in pixels.iter().zip(native) {
-            let cell = ColourLookupTable::cell_index(native);
-            let is_inside = pixel != OUTSIDE;
-            let is_carpet = self.table.cell_class(cell) == ColourClass::CARPET;
-            inside += usize::from(is_inside);
-            carpet += usize::from(is_inside & is_carpet);
-        }
-        ClassCounts {
-            carpet,
-            other: inside - carpet,
-        }
     }
 }
 
