@@ -24,7 +24,7 @@ DIMENSIONLESS = re.compile(
             # True or false.
             r".*(^|_)(on_ground|is_attained|learned|kick|lens_centred|half_known|collision|searching|light_jumped)",
             # Texts.
-            r".*(^|_)(image|mode|reason|text|fault|warning|team|settings|warm_start|frame_id|format|message|name|file|level|distortion_model)",
+            r".*(^|_)(image|mode|reason|text|fault|warning|team|settings|warm_start|map_fit|frame_id|format|message|name|file|level|distortion_model)",
         )
     )
 )

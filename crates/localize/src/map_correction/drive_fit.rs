@@ -2,6 +2,7 @@
 //! mount for what it is, an expected error, before it takes it for another mistake.
 
 use super::basis::MapBasis;
+use super::certainty::REPETITION;
 use super::config::MapCorrectionConfig;
 use super::image_fit::ImageState;
 use super::learning::{INDEPENDENT_POINTS, is_expected};
@@ -19,9 +20,6 @@ use crate::tilt::ground_from_map;
 const REACHES: [f32; 7] = [2.0, 1.0, 0.7, 0.4, 0.2, 0.1, 0.0];
 /// Steps at each reach. The lean of the rig, the mean of all tilts, follows slowly.
 const STEPS: usize = 4;
-/// Variance of the mean error of an image's points over that of independent ones: errors of neighbouring points are alike, and those
-/// of images repeat (docs/methods.md 5.9). What an image tells beyond that is no information about a shift of all of them.
-const REPETITION: f64 = 10.0;
 /// Information of a pose that its points alone determine: 1 m and 30°.
 const POSE_INFORMATION: [f64; 3] = [1.0, 1.0, 3.6];
 

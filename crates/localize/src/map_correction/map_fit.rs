@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::certainty::learned;
 use super::state::MapCorrection;
 use super::sums::{TermMatrix, TermVector};
 use crate::matching::PARAMETERS;
@@ -11,7 +12,7 @@ use crate::matching::PARAMETERS;
 pub struct MapFit {
     /// The unknowns of the map's basis, each in its unit.
     unknowns: Vec<f64>,
-    /// Their covariance, row by row.
+    /// Their covariance, as far as it may be claimed, row by row.
     covariance: Vec<Vec<f64>>,
     /// How far a leaning rig may hold the viewpoint beside the robot's centre, metres: images do not tell whether the robot leans.
     viewpoint_shift: f32,
@@ -63,7 +64,8 @@ impl MapCorrection {
     /// nothing changes, if it is of a map with other unknowns.
     pub fn adopt(&mut self, fit: &MapFit) -> Option<[f32; PARAMETERS]> {
         let terms = self.basis.terms().len();
-        let (unknowns, covariance) = fit.read(&self.prior, terms)?;
+        let (unknowns, claimed) = fit.read(&self.prior, terms)?;
+        let covariance = learned(&self.prior, &claimed, terms).unwrap_or(claimed);
         let shift = self.sensitivity * (unknowns - self.applied);
         self.coefficients = unknowns;
         self.applied = unknowns;
@@ -75,8 +77,14 @@ impl MapCorrection {
     /// What was learned about the map. None while the map as given is in use.
     pub fn fit(&self, viewpoint_shift: f32) -> Option<MapFit> {
         let terms = self.basis.terms().len();
-        self.is_in_use()
-            .then(|| MapFit::new(terms, &self.applied, &self.deviation(), viewpoint_shift))
+        self.is_in_use().then(|| {
+            MapFit::new(
+                terms,
+                &self.applied,
+                &self.claimed_deviation(),
+                viewpoint_shift,
+            )
+        })
     }
 }
 
@@ -100,13 +108,22 @@ mod tests {
         }
         learned.coefficients = learned.applied;
         learned.covariance *= 0.01;
+        learned.update_variances();
         let fit = learned.fit(0.02).expect("in use");
         let text = toml::to_string(&fit).expect("TOML");
         let read: MapFit = toml::from_str(&text).expect("read");
         assert_eq!(read, fit, "every bit");
         let mut next = map();
         assert!(next.adopt(&read).is_some());
-        assert_eq!(next.fit(0.02), Some(fit));
+        let again = next.fit(0.02).expect("in use");
+        assert_eq!(again.unknowns, fit.unknowns);
+        for (row, same) in again.covariance.iter().zip(&fit.covariance) {
+            assert!(
+                row.iter()
+                    .zip(same)
+                    .all(|(a, b)| (a - b).abs() <= 1e-9 * a.abs())
+            );
+        }
     }
 
     #[test]

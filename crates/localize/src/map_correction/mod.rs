@@ -7,6 +7,7 @@
 
 mod basis;
 mod block;
+mod certainty;
 mod config;
 mod drive_fit;
 mod far_mount;

@@ -1,6 +1,7 @@
 //! Points of a wrong map: displaced, and as uncertain as the map.
 
 use super::basis::DisplacedPoint;
+use super::certainty::claimed;
 use super::state::{MapCorrection, RawPoint};
 use super::term::{NODES, TERMS_MAX};
 use crate::frames::{At, RobotFrame};
@@ -101,9 +102,10 @@ impl MapCorrection {
         ]
     }
 
-    /// Variances by node, means over the bearing.
+    /// What follows from the covariance: what may be claimed, and variances by node, means over the bearing.
     pub(super) fn update_variances(&mut self) {
         let terms = self.basis.terms();
+        self.claimed = claimed(&self.prior, &self.covariance, terms.len()).unwrap_or(self.prior);
         let deviation = self.deviation();
         for node in 0..NODES {
             let mut sums = [0.0; 2];

@@ -15,7 +15,7 @@ impl MapCorrection {
     /// Covariance of (x, y, θ) by the map's remaining uncertainty.
     pub fn pose_covariance(&self) -> Matrix3<f32> {
         let by_term = self.sensitivity.fixed_rows::<3>(0);
-        let covariance = by_term * self.deviation() * by_term.transpose();
+        let covariance = by_term * self.claimed_deviation() * by_term.transpose();
         ((covariance + covariance.transpose()) * 0.5).map(|value| value as f32)
             + self.trial_covariance()
     }

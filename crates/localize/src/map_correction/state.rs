@@ -84,7 +84,10 @@ pub struct MapCorrection {
     pub(super) applied: TermVector,
     /// About which an estimate is plausible: the given map, or the mount taken over last.
     pub(super) plausible_centre: TermVector,
+    /// With it learning goes on, as if the errors of all images were independent.
     pub(super) covariance: TermMatrix,
+    /// What may be claimed (`certainty`).
+    pub(super) claimed: TermMatrix,
     pub(super) prior: TermMatrix,
     /// Error of (x, y, θ, a, b) per error of each unknown.
     pub(super) sensitivity: PoseByTerm,
@@ -120,6 +123,7 @@ impl MapCorrection {
             applied: TermVector::zeros(),
             plausible_centre: TermVector::zeros(),
             covariance: prior,
+            claimed: prior,
             prior,
             sensitivity: PoseByTerm::zeros(),
             points: Vec::new(),
@@ -142,10 +146,19 @@ impl MapCorrection {
         correction
     }
 
-    /// Mean square of the unknowns' deviation from the map in use.
+    /// Mean square of the unknowns' deviation from the map in use, as far as learning goes.
     pub(super) fn deviation(&self) -> TermMatrix {
+        self.covariance + self.step_square()
+    }
+
+    /// The same as far as it may be claimed.
+    pub(super) fn claimed_deviation(&self) -> TermMatrix {
+        self.claimed + self.step_square()
+    }
+
+    fn step_square(&self) -> TermMatrix {
         let step = self.coefficients - self.applied;
-        self.covariance + step * step.transpose()
+        step * step.transpose()
     }
 
     /// Did the given map prove wrong, so that points are corrected?
@@ -180,7 +193,7 @@ impl MapCorrection {
                 .map(|(k, term)| TermEstimate {
                     kind: term.kind,
                     value: self.coefficients[k] as f32,
-                    std: self.covariance[(k, k)].max(0.0).sqrt() as f32,
+                    std: self.claimed[(k, k)].max(0.0).sqrt() as f32,
                 })
                 .collect(),
             images: self.images,
