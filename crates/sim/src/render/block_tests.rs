@@ -13,6 +13,7 @@ use vision::{Mount, Profile};
 use super::blocks::Blocks;
 use super::culling::{Culling, ReachMargins};
 use super::environment::Environment;
+use super::field_from_robot::FieldFromRobot;
 use super::floor::{Floor, FloorView};
 use super::lanes::{BlockLight, LANES};
 use super::lattice::Lattice;
@@ -66,6 +67,7 @@ impl BlockFixture {
             &crate::light::LightConfig::default(),
             &EnvironmentConfig::default(),
         );
+        let pose = FieldFromRobot::new(pose);
         self.lattice.update(&transform, pose, &light);
         let margins = ReachMargins::new(&self.blocks.origins, &transform);
         (transform, margins)
@@ -156,7 +158,7 @@ fn floor_of_a_block_is_that_of_all_strokes_and_of_the_carpets_edge() {
         let lit = [[[1.0; LANES]; LANES], [[0.0; LANES]; LANES]];
         let (mut moved, mut bare) = (MovedBlock::new(), 0);
         for (block, rays) in fixture.blocks.blocks.iter().zip(&fixture.blocks.rays) {
-            let view = floor.view(pose, &fixture.lattice.view(block));
+            let view = floor.view(FieldFromRobot::new(pose), &fixture.lattice.view(block));
             moved.clear();
             let of_block = moved.of(block, rays, &transform, fixture.height_px);
             let [mut one, mut all] = [[[[0.0; LANES]; LANES]; 3]; 2];
@@ -166,11 +168,17 @@ fn floor_of_a_block_is_that_of_all_strokes_and_of_the_carpets_edge() {
                     bare += 1;
                 }
                 FloorView::Edges { on_carpet } => {
-                    floor.shade_edges(pose, on_carpet, of_block, &lit, &mut one);
+                    floor.shade_edges(
+                        FieldFromRobot::new(pose),
+                        on_carpet,
+                        of_block,
+                        &lit,
+                        &mut one,
+                    );
                 }
             }
             floor.find_all();
-            floor.shade_edges(pose, false, of_block, &lit, &mut all);
+            floor.shade_edges(FieldFromRobot::new(pose), false, of_block, &lit, &mut all);
             for (one, all) in std::iter::zip(one[0].as_flattened(), all[0].as_flattened()) {
                 let change = (one - all).abs();
                 let [column, row] = [block.column, block.row];
@@ -193,14 +201,14 @@ fn walls_reach_no_block_that_does_not_see_them() {
         let (mut moved, mut unseen) = (MovedBlock::new(), 0);
         for (block, rays) in fixture.blocks.blocks.iter().zip(&fixture.blocks.rays) {
             let view = fixture.lattice.view(block);
-            if hall.visible_walls(pose, &view, &margins)[0] {
+            if hall.visible_walls(FieldFromRobot::new(pose), &view, &margins)[0] {
                 continue;
             }
             unseen += 1;
             moved.clear();
             let of_block = moved.of(block, rays, &transform, fixture.height_px);
             let mut light = [[[0.0; LANES]; LANES]; 3];
-            hall.draw_walls(pose, of_block, &mut light);
+            hall.draw_walls(FieldFromRobot::new(pose), of_block, &mut light);
             let most = brightest(&light);
             assert!(
                 most < 0.01,

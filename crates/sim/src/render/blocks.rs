@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use vision::{Ray, RayTable};
 
-use super::lanes::{BlockValues, LANES};
+use super::lanes::{BlockValues, LANES, Lanes, Vector, high_bits, splat};
 use super::paint::PAINT_BLUR;
 use super::spacing::{azimuth, pixel_spacing, slope};
 
@@ -36,7 +36,8 @@ pub(super) struct BlockRays {
     /// Height per horizontal metre.
     pub(super) slope: BlockValues,
     /// Azimuth and slope between neighbouring pixels' rays, times the blur of the optics.
-    pub(super) spacing: [BlockValues; 2],
+    /// Of each number the higher half of its bits, which is exact to 0.2 %.
+    pub(super) spacing: [[[u16; LANES]; LANES]; 2],
 }
 
 /// One block of pixels.
@@ -111,11 +112,38 @@ impl LinearValues {
         }
     }
 
-    /// The value of a block's row at its middle, and its change from column to column.
+    /// The sum of some values with weights.
     #[inline(always)]
-    pub(super) fn row(&self, row: usize) -> (f32, f32) {
-        let down = row as f32 - (LANES - 1) as f32 / 2.0;
-        (down.mul_add(self.per_row, self.middle), self.per_column)
+    pub(super) fn sum(values: &[Self; 3], weights: [f32; 3]) -> Self {
+        let sum = |of: fn(&Self) -> f32| {
+            let [x, y, z] = values.each_ref().map(of);
+            weights[0].mul_add(x, weights[1].mul_add(y, weights[2] * z))
+        };
+        LinearValues {
+            middle: sum(|of| of.middle),
+            per_column: sum(|of| of.per_column),
+            per_row: sum(|of| of.per_row),
+        }
+    }
+
+    /// The values with an offset in the middle, and its change from row to row.
+    #[inline(always)]
+    pub(super) fn shifted(self, offset: f32, per_row: f32) -> Self {
+        LinearValues {
+            middle: self.middle + offset,
+            per_row: self.per_row + per_row,
+            ..self
+        }
+    }
+
+    /// The values of a block's row.
+    #[inline(always)]
+    pub(super) fn row(&self, row: usize) -> Lanes {
+        const FROM_MIDDLE: Lanes = [-3.5, -2.5, -1.5, -0.5, 0.5, 1.5, 2.5, 3.5];
+        let middle = FROM_MIDDLE[row].mul_add(self.per_row, self.middle);
+        splat(self.per_column)
+            .mul_add(Vector::new(FROM_MIDDLE), splat(middle))
+            .to_array()
     }
 }
 
@@ -246,7 +274,7 @@ impl Blocks {
         self.rays.push(BlockRays {
             direction: [0, 1].map(|k| values(&|ray| ray.direction[k])),
             slope: values(&|ray| ray.slope),
-            spacing: [0, 1].map(|k| values(&|ray| ray.spacing[k])),
+            spacing: [0, 1].map(|k| values(&|ray| ray.spacing[k]).map(|row| row.map(high_bits))),
         });
     }
 }

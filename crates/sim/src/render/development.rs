@@ -32,8 +32,8 @@ pub(super) struct Development {
     even: Vec<u16>,
     /// Squared distance from the image's centre over that of its corners, by columns and by rows.
     falloff: [Vec<f32>; 2],
-    /// Light of one row by colour, and that of the colours that its pixels measure.
-    light: [Vec<u16>; 3],
+    /// Light of one row in the colours that its pixels measure, without and with scattered light.
+    light: Vec<u16>,
     site_light: Vec<f32>,
     scale: Vec<f32>,
     tones: [Vec<u16>; 3],
@@ -77,7 +77,7 @@ impl Development {
                 .map(|column| if column % 2 == 0 { u16::MAX } else { 0 })
                 .collect(),
             falloff: [falloff(width_px, middle_u), falloff(height_px, middle_v)],
-            light: [0; 3].map(|_| Vec::new()),
+            light: Vec::new(),
             site_light: vec![0.0; width_px],
             scale: vec![0.0; width_px],
             tones: [0; 3].map(|_| vec![0; width_px]),
@@ -102,9 +102,7 @@ impl Development {
         if exposure.scattered {
             self.scatter.update(image, &self.own.cells, image_sensor);
         }
-        for row in &mut self.light {
-            row.resize(image.stride, 0);
-        }
+        self.light.resize(image.stride, 0);
         if image_sensor.bayer {
             self.develop_mosaic(&exposure, light_colour, pixels);
         } else {
@@ -131,9 +129,7 @@ impl Development {
         });
         for row in 0..height_px {
             let colours = site_colours(row);
-            for colour in colours {
-                self.set_light(exposure, row, colour);
-            }
+            self.set_light(exposure, row, colours);
             self.set_scale(exposure.image_sensor, row);
             self.set_site_light(exposure, row, colours, row % 2);
             self.image_sensor.expose_row(
@@ -168,7 +164,7 @@ impl Development {
         for (row, pixels) in pixels.chunks_mut(width_px).enumerate() {
             self.set_scale(exposure.image_sensor, row);
             for (colour, gains) in gains.iter().enumerate() {
-                self.set_light(exposure, row, colour);
+                self.set_light(exposure, row, [colour; 2]);
                 self.set_site_light(exposure, row, [colour; 2], colour);
                 self.image_sensor.expose_row(
                     exposure.image_sensor.haze,
@@ -192,23 +188,31 @@ impl Development {
         }
     }
 
-    /// Light of a row in one colour, smeared by motion, behind the robot's own parts.
-    fn set_light(&mut self, exposure: &Exposure, row: usize, colour: usize) {
-        let light = &mut self.light[colour];
+    /// Light of a row of pixels that measure two colours in even and odd columns, smeared by motion, behind the robot's own
+    /// parts.
+    fn set_light(&mut self, exposure: &Exposure, row: usize, colours: [usize; 2]) {
+        let image = exposure.image;
+        let light = &mut self.light;
         if exposure.smeared {
-            self.motion_blur
-                .blur_row(exposure.image, row, colour, light);
+            self.motion_blur.blur_row(image, row, colours, light);
         } else {
-            let stride = exposure.image.stride;
-            light.copy_from_slice(&exposure.image.plane(colour)[row * stride..][..stride]);
+            let [even, odd] =
+                colours.map(|colour| &image.plane(colour)[row * image.stride..][..image.stride]);
+            let planes = even.as_chunks::<2>().0.iter().zip(odd.as_chunks::<2>().0);
+            for (light, (even, odd)) in light.as_chunks_mut::<2>().0.iter_mut().zip(planes) {
+                *light = [even[0], odd[1]];
+            }
         }
-        self.own.draw(row, colour, light);
+        self.own.draw(row, colours, light);
         // The rim moves with the camera: nothing smears over it.
+        let hood = colours.map(|colour| hood()[colour]);
         for run in &self.blank[row] {
-            light[run.clone()].fill(hood()[colour]);
+            for (light, mask) in light[run.clone()].iter_mut().zip(&self.even[run.clone()]) {
+                *light = (hood[0] & mask) | (hood[1] & !mask);
+            }
         }
         for column in &self.occluded[row] {
-            light[*column] = hood()[colour];
+            light[*column] = hood[column % 2];
         }
     }
 
@@ -232,9 +236,7 @@ impl Development {
     ) {
         let image_sensor = exposure.image_sensor;
         let direct = 1.0 - image_sensor.bloom - image_sensor.glare;
-        let [even, odd] = colours.map(|colour| &self.light[colour][..self.even.len()]);
-        let sites = even.iter().zip(odd).zip(&self.even);
-        let sites = sites.map(|((even, odd), mask)| f32::from((even & mask) | (odd & !mask)));
+        let sites = self.light.iter().map(|light| f32::from(*light));
         if exposure.scattered {
             let ([above, below], part) = self.scatter.row(row, colours, pattern);
             let scattered = above.iter().zip(below);

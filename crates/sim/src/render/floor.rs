@@ -1,14 +1,14 @@
 //! What colour is the floor? Carpet, paint and cables, and what is around the carpet.
 
 use localize::field::Field;
-use localize::frames::Pose;
 
 use super::cables::Cable;
 use super::draw_list::linear;
+use super::field_from_robot::FieldFromRobot;
 use super::lanes::{BlockLight, BlockValues, LANES, Vector, shares, splat};
 use super::lattice::BlockView;
 use super::moving_rays::{MovedBlock, RANGE_MAX};
-use super::paint::{GroundBlock, PAINT_BLUR, Paint};
+use super::paint::{GroundBlock, PAINT_BLUR, Paint, WIDTH_MIN};
 use super::strokes::Area;
 
 /// sRGB of carpet and paint under white light.
@@ -63,10 +63,8 @@ impl Floor {
 
     /// Finds what a block sees, and keeps the strokes for `shade_edges`.
     #[inline(never)]
-    pub(super) fn view(&mut self, pose: Pose, view: &BlockView) -> FloorView {
-        let (sin, cos) = pose.theta.sin_cos();
-        let turn = |[x, y]: [f32; 2]| [cos * x - sin * y, sin * x + cos * y];
-        let ([x, y], [ux, uy]) = (turn(view.ground), turn(view.towards));
+    pub(super) fn view(&mut self, pose: FieldFromRobot, view: &BlockView) -> FloorView {
+        let ([x, y], [ux, uy]) = (pose.rotate(view.ground), pose.rotate(view.towards));
         let centre = [pose.x + x, pose.y + y];
         let [along, across] = view.ground_half;
         let half = [
@@ -123,7 +121,7 @@ impl Floor {
     #[inline(never)]
     pub(super) fn shade_edges(
         &mut self,
-        pose: Pose,
+        pose: FieldFromRobot,
         on_carpet: bool,
         rays: &MovedBlock,
         [lit, gloss]: &[BlockValues; 2],
@@ -155,17 +153,17 @@ impl Floor {
 
 impl GroundBlock {
     /// Ground points and footprints of a block's rays, for the robot at a pose.
-    fn set(&mut self, pose: Pose, rays: &MovedBlock) {
-        let (sin, cos) = pose.theta.sin_cos();
-        let [sin, cos, x, y] = [sin, cos, pose.x, pose.y].map(splat);
+    fn set(&mut self, pose: FieldFromRobot, rays: &MovedBlock) {
+        let [sin, cos, x, y] = [pose.sin, pose.cos, pose.x, pose.y].map(splat);
         for (row, of_row) in rays.rows.iter().enumerate() {
             let [ox, oy, height] = of_row.origin.map(Vector::new);
             let [tx, ty] = of_row.direction.map(Vector::new);
             let [turn, rise] = rays.spacing.each_ref().map(|of| Vector::new(of[row]));
-            let distance = Vector::new(of_row.ground_distance());
+            let per_fall = splat(1.0) / of_row.fall();
+            let distance = (height * per_fall).fast_min(splat(RANGE_MAX));
             let (ground_x, ground_y) = (distance.mul_add(tx, ox), distance.mul_add(ty, oy));
             let across = splat(PAINT_BLUR) * distance * turn;
-            let along = (distance * distance / height * rise).fast_min(splat(RANGE_MAX));
+            let along = (distance * per_fall * rise).fast_min(splat(RANGE_MAX));
             let along = splat(PAINT_BLUR) * along;
             self.at[0][row] = cos.mul_add(ground_x, x - sin * ground_y).to_array();
             self.at[1][row] = sin.mul_add(ground_x, cos.mul_add(ground_y, y)).to_array();
@@ -173,6 +171,8 @@ impl GroundBlock {
             self.direction[1][row] = sin.mul_add(tx, cos * ty).to_array();
             self.along2[row] = (along * along).to_array();
             self.across2[row] = (across * across).to_array();
+            let half_width = splat(0.5).mul_add(along.fast_max(across), splat(WIDTH_MIN));
+            self.half_width[row] = half_width.to_array();
         }
     }
 
@@ -180,10 +180,10 @@ impl GroundBlock {
     fn inside(&self, half: [f32; 2]) -> BlockValues {
         let half = half.map(splat);
         std::array::from_fn(|row| {
-            let widths = self.widths(row, splat(1.0), splat(0.0));
+            let per_width = self.per_width(row, splat(1.0), splat(0.0));
             let [x, y] = [0, 1].map(|k| {
                 let from_edge = half[k] - Vector::new(self.at[k][row]).abs();
-                shares(from_edge / widths[k] + splat(0.5))
+                shares(from_edge.mul_add(per_width[k], splat(0.5)))
             });
             (x * y).to_array()
         })

@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
-use super::lanes::{BlockLight, LANES, larger, smaller};
+use wide::i16x8;
+
+use super::lanes::{BlockLight, LANES, Lanes, Vector, larger, smaller, splat};
 use crate::image_sensor::TONES;
 
 /// Sides are multiples of it.
@@ -59,9 +61,9 @@ impl LightImage {
     pub(super) fn write(&mut self, [column, row]: [usize; 2], light: &BlockLight) {
         let first = (BORDER + row * LANES) * self.stride + column * LANES;
         for (plane, light) in self.planes.iter_mut().zip(light) {
-            let rows = plane[first..].chunks_mut(self.stride);
-            for (pixels, light) in rows.zip(light) {
-                pixels[..LANES].copy_from_slice(&light.map(tones));
+            for (row, light) in light.iter().enumerate() {
+                let from = first + row * self.stride;
+                plane[from..from + LANES].copy_from_slice(&tones_of_row(light));
             }
         }
     }
@@ -70,6 +72,14 @@ impl LightImage {
 /// A pixel that shows the hood.
 pub(super) fn hood() -> [u16; 3] {
     HOOD.map(tones)
+}
+
+/// Linear light as fixed-point numbers: limited as signed numbers, then moved up by half of their range.
+#[inline(always)]
+fn tones_of_row(light: &Lanes) -> [u16; LANES] {
+    let moved = Vector::new(*light).mul_add(splat(TONES as f32), splat(-32_768.0));
+    let limited = i16x8::from_i32x8_saturate(moved.fast_round_int());
+    limited.to_array().map(|tone| tone as u16 ^ 0x8000)
 }
 
 /// Linear light as a fixed-point number.

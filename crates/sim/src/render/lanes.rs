@@ -23,6 +23,16 @@ pub(super) fn splat(value: f32) -> Vector {
     Vector::splat(value)
 }
 
+/// Reciprocal square roots of numbers above 0, with errors up to 0.065 %, in fewer cycles than a division and with the same
+/// bits on every machine: Kadlec's constants for the estimate from the exponent and one step of Newton's method.
+#[inline(always)]
+pub(super) fn reciprocal_sqrt(of: Vector) -> Vector {
+    let estimate = |number: f32| f32::from_bits(0x5f1f_fff9 - (number.to_bits() >> 1));
+    let estimate = Vector::new(of.to_array().map(estimate));
+    let step = (of * estimate).mul_neg_add(estimate, splat(2.389_244_6));
+    splat(0.703_952_25) * estimate * step
+}
+
 /// A share limited to 0 to 1.
 #[inline(always)]
 pub(super) fn shares(of: Vector) -> Vector {
@@ -56,11 +66,18 @@ pub(super) fn edge_coverage(inside: f32, width: f32) -> f32 {
 /// True if a lane is above 0.
 #[inline(always)]
 pub(super) fn any_positive(lanes: &Lanes) -> bool {
-    let mut most = [0.0; LANES / 2];
-    for i in 0..LANES / 2 {
-        most[i] = larger(lanes[i], lanes[i + LANES / 2]);
-    }
-    larger(larger(most[0], most[1]), larger(most[2], most[3])) > 0.0
+    Vector::new(*lanes).simd_gt(splat(0.0)).any()
+}
+
+/// The higher half of a number's bits, rounded.
+pub(super) fn high_bits(number: f32) -> u16 {
+    ((number.to_bits() + 0x8000) >> 16) as u16
+}
+
+/// The number of which the higher half of the bits is given.
+#[inline(always)]
+pub(super) fn from_high_bits(bits: u16) -> f32 {
+    f32::from_bits(u32::from(bits) << 16)
 }
 
 /// Blends a colour into the light of a block's row with weights `part`.

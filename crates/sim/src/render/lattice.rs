@@ -1,12 +1,12 @@
 //! What does each block see? The rays of every fourth pixel, moved with the robot, bound the blocks and carry the floor's
 //! light, which changes slowly.
 
-use localize::frames::Pose;
 use vision::{Ray, RayTable};
 
 use super::blocks::Block;
+use super::field_from_robot::FieldFromRobot;
 use super::floor_light::FloorLight;
-use super::lanes::{BlockValues, LANES, Lanes};
+use super::lanes::{BlockValues, LANES, Lanes, larger, smaller};
 use super::moving_rays::{RANGE_MAX, RayLanes, move_lanes};
 use super::row_transform::RowTransform;
 use super::spacing::{azimuth, slope};
@@ -26,6 +26,9 @@ pub(super) struct Lattice {
     /// Largest tilt of the current image, radians.
     tilt_max: f32,
     moved: Vec<RayLanes>,
+    /// Their slopes, and the lowest and highest of the square of points that starts at each point, for each row of blocks.
+    slope: Vec<f32>,
+    slope_bounds: [Vec<f32>; 2],
     /// Light and gloss of the floor.
     light: [Vec<Lanes>; 2],
 }
@@ -67,21 +70,29 @@ impl Lattice {
             }
         }
         let image_row = |row: usize| ((row * STEP) as f32 + 0.5) / height_px as f32 - 0.5;
-        Lattice {
+        let mut lattice = Lattice {
             groups,
             image_row: (0..rows).map(image_row).collect(),
             tilt_max: 0.0,
             moved: rest.clone(),
+            slope: rest.iter().flat_map(|lanes| lanes.slope).collect(),
+            slope_bounds: [0; 2].map(|_| vec![0.0; rows / CELLS * groups * LANES]),
             light: [0; 2].map(|_| vec![[0.0; LANES]; rest.len()]),
             rest,
-        }
+        };
+        lattice.bound_slopes();
+        lattice
     }
 
     /// Moves the points and looks up the floor's light there.
     #[inline(never)]
-    pub(super) fn update(&mut self, transform: &RowTransform, pose: Pose, floor: &FloorLight) {
+    pub(super) fn update(
+        &mut self,
+        transform: &RowTransform,
+        pose: FieldFromRobot,
+        floor: &FloorLight,
+    ) {
         self.tilt_max = transform.tilt_max;
-        let sin_cos = pose.theta.sin_cos();
         let rows = self.rest.chunks(self.groups).zip(&self.image_row);
         let moved = self.moved.chunks_mut(self.groups);
         let [light, gloss] = self.light.each_mut().map(|of| of.chunks_mut(self.groups));
@@ -90,8 +101,32 @@ impl Lattice {
             let shift = transform.shift_at(*image_row);
             for (((rest, moved), light), gloss) in (rest.iter().zip(moved)).zip(light).zip(gloss) {
                 *moved = move_lanes(rest, &rotation, shift);
-                let [x, y] = moved.ground_in_field(pose, sin_cos);
+                let [x, y] = moved.ground_in_field(pose);
                 floor.look_up(&x, &y, light, gloss);
+            }
+        }
+        let slopes = self.slope.as_chunks_mut::<LANES>().0.iter_mut();
+        for (slope, moved) in slopes.zip(&self.moved) {
+            *slope = moved.slope;
+        }
+        self.bound_slopes();
+    }
+
+    /// Bounds the slopes of the squares of `CELLS + 1` × `CELLS + 1` points.
+    fn bound_slopes(&mut self) {
+        let stride = self.groups * LANES;
+        let [low, high] = self.slope_bounds.each_mut().map(|of| of.chunks_mut(stride));
+        for (block_row, (low, high)) in low.zip(high).enumerate() {
+            let rows = &self.slope[block_row * CELLS * stride..][..(CELLS + 1) * stride];
+            low.fill(f32::MAX);
+            high.fill(f32::MIN);
+            for down in 0..=CELLS {
+                for across in 0..=CELLS {
+                    let slopes = &rows[down * stride..][across..stride];
+                    for ((low, high), slope) in low.iter_mut().zip(&mut *high).zip(slopes) {
+                        (*low, *high) = (smaller(*low, *slope), larger(*high, *slope));
+                    }
+                }
             }
         }
     }
@@ -104,25 +139,19 @@ impl Lattice {
     pub(super) fn rest_view(&self, column: usize, row: usize) -> ([f32; 2], [f32; 2]) {
         let (group, lane) = self.point(CELLS * column + 1, CELLS * row + 1);
         let middle = self.rest[group].direction.map(|of| of[lane]);
-        (self.slopes(&self.rest, column, row), middle)
+        (self.slopes(column, row), middle)
     }
 
-    fn slopes(&self, rays: &[RayLanes], column: usize, row: usize) -> [f32; 2] {
-        let (mut low, mut high) = (f32::MAX, f32::MIN);
-        for down in 0..=CELLS {
-            for across in 0..=CELLS {
-                let (group, lane) = self.point(CELLS * column + across, CELLS * row + down);
-                let slope = rays[group].slope[lane];
-                (low, high) = (low.min(slope), high.max(slope));
-            }
-        }
-        [low, high]
+    /// Lowest and highest slope of a block's points.
+    fn slopes(&self, column: usize, row: usize) -> [f32; 2] {
+        let at = row * self.groups * LANES + CELLS * column;
+        self.slope_bounds.each_ref().map(|of| of[at])
     }
 
     /// What a block sees in the current image.
     #[inline(never)]
     pub(super) fn view(&self, block: &Block) -> BlockView {
-        let [low, high] = self.slopes(&self.moved, block.column, block.row);
+        let [low, high] = self.slopes(block.column, block.row);
         // Tilt stretches slopes, and turns the azimuths of steep rays more than those of others.
         let steepest = low.abs().max(high.abs());
         let stretch = 1.05 + 3.0 * self.tilt_max * steepest;

@@ -6,6 +6,7 @@ mod culling;
 mod development;
 mod draw_list;
 mod environment;
+mod field_from_robot;
 mod floor;
 mod floor_light;
 mod image;
@@ -50,6 +51,7 @@ use culling::ReachMargins;
 use development::Development;
 use draw_list::DrawList;
 use environment::Environment;
+use field_from_robot::FieldFromRobot;
 use floor::{Floor, FloorView};
 use floor_light::FloorLight;
 use image::{LightImage, hood};
@@ -181,7 +183,7 @@ impl Renderer {
 
     /// Draws the light of each block.
     fn draw_scene(&mut self, scene: &Scene) {
-        let pose = scene.pose;
+        let pose = FieldFromRobot::new(scene.pose);
         let origins = &self.blocks.origins;
         let transform = RowTransform::new(&scene.motion, origins.height_max);
         let margins = ReachMargins::new(origins, &transform);

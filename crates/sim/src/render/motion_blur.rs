@@ -4,6 +4,7 @@
 //! symmetrically around a pixel, so that the middle of the exposure stays the image's time.
 
 use vision::{Ray, RayTable};
+use wide::u16x16;
 
 use super::image::{BORDER, LightImage, SIDE as BLOCK};
 use super::row_transform::CameraMotion;
@@ -44,7 +45,7 @@ struct BlockTaps {
     /// A power of two; 1 for the block itself.
     count: usize,
     /// Pixels from the first one of a row, `BORDER` rows above, to the block's run.
-    offsets: [usize; TAPS_MAX],
+    offsets: [u32; TAPS_MAX],
 }
 
 impl MotionBlur {
@@ -53,7 +54,7 @@ impl MotionBlur {
             table.width_px.div_ceil(BLOCK),
             table.height_px.div_ceil(BLOCK),
         );
-        let blocks = (0..rows)
+        let blocks: Vec<Option<BlockRay>> = (0..rows)
             .flat_map(|down| (0..columns).map(move |across| (across, down)))
             .map(|(across, down)| {
                 let column = across * BLOCK + BLOCK / 2;
@@ -67,54 +68,69 @@ impl MotionBlur {
             .collect();
         MotionBlur {
             columns,
+            taps: vec![BlockTaps::default(); blocks.len()],
             blocks,
-            taps: Vec::new(),
         }
     }
 
     /// Prepares an image; false if nothing moves by as much as a pixel.
     pub(super) fn set_motion(&mut self, motion: &CameraMotion) -> bool {
         let stride = self.columns * BLOCK;
-        self.taps.clear();
-        let blocks = self.blocks.iter().enumerate();
-        self.taps.extend(blocks.map(|(index, block)| {
-            let left = index % self.columns * BLOCK;
-            let flow = block.map_or([0.0; 2], |block| block.flow(motion));
-            BlockTaps::new(left, stride, flow)
-        }));
-        self.taps.iter().any(|taps| taps.count > 1)
+        let mut smeared = false;
+        for (index, (taps, block)) in self.taps.iter_mut().zip(&self.blocks).enumerate() {
+            let flow = block.as_ref().map_or([0.0; 2], |block| block.flow(motion));
+            taps.set(index % self.columns * BLOCK, stride, flow);
+            smeared |= taps.count > 1;
+        }
+        smeared
     }
 
-    /// A row of the blurred image in one colour.
-    pub(super) fn blur_row(&self, image: &LightImage, row: usize, colour: usize, out: &mut [u16]) {
-        let plane = image.bordered_plane(colour);
+    /// A row of the blurred image, whose pixels measure two colours in even and odd columns.
+    pub(super) fn blur_row(
+        &self,
+        image: &LightImage,
+        row: usize,
+        colours: [usize; 2],
+        out: &mut [u16],
+    ) {
+        let [even, odd] = colours.map(|colour| image.bordered_plane(colour));
+        // One length, so that one check serves both.
+        let planes = [even, &odd[..even.len()]];
         let first = row / BLOCK * self.columns;
         let blocks = self.taps[first..first + self.columns].iter();
         let above = row * image.stride;
         for (out, taps) in out.as_chunks_mut::<BLOCK>().0.iter_mut().zip(blocks) {
-            let run = |tap: usize| -> &[u16; BLOCK] {
-                let from = above + taps.offsets[tap];
-                plane
-                    .get(from..)
-                    .and_then(|pixels| pixels.first_chunk())
-                    .unwrap_or(&[0; BLOCK])
-            };
-            match taps.count {
-                1 => *out = *run(0),
-                2 => *out = mean(run(0), run(1)),
-                4 => *out = mean_of_4([0, 1, 2, 3].map(run)),
-                8 => *out = mean_of_8([0, 1, 2, 3, 4, 5, 6, 7].map(run)),
+            let run = |tap: usize| sites(planes, above + taps.offsets[tap] as usize);
+            *out = match taps.count {
+                1 => run(0),
+                2 => mean(&run(0), &run(1)),
+                4 => mean_of_4([0, 1, 2, 3].map(run)),
+                8 => mean_of_8([0, 1, 2, 3, 4, 5, 6, 7].map(run)),
                 _ => {
                     let halves = [0, 8]
                         .map(|half| mean_of_8([0, 1, 2, 3, 4, 5, 6, 7].map(|tap| run(half + tap))));
-                    *out = mean(&halves[0], &halves[1]);
+                    mean(&halves[0], &halves[1])
                 }
-            }
+            };
         }
     }
 }
 
 type Run = [u16; BLOCK];
+
+/// All bits set in even pixels, none in odd ones.
+const EVEN: Run = [!0, 0, !0, 0, !0, 0, !0, 0, !0, 0, !0, 0, !0, 0, !0, 0];
+
+/// A run of one plane at the even pixels of a block, of another at the odd ones.
+#[inline(always)]
+fn sites([even, odd]: [&[u16]; 2], from: usize) -> Run {
+    let [even, odd] = [even, odd].map(|plane| {
+        let pixels = plane.get(from..).and_then(|pixels| pixels.first_chunk());
+        u16x16::new(*pixels.unwrap_or(&[0; BLOCK]))
+    });
+    // Bits of the odd run, replaced where the even one counts.
+    (odd ^ ((even ^ odd) & u16x16::new(EVEN))).to_array()
+}
 
 /// Mean of two runs of pixels, rounded up at halves.
 #[inline(always)]
@@ -128,8 +144,8 @@ fn mean(a: &Run, b: &Run) -> Run {
 
 /// Mean of four runs; rounding down in the second step balances that of the first.
 #[inline(always)]
-fn mean_of_4([a, b, c, d]: [&Run; 4]) -> Run {
-    let (low, high) = (mean(a, b), mean(c, d));
+fn mean_of_4([a, b, c, d]: [Run; 4]) -> Run {
+    let (low, high) = (mean(&a, &b), mean(&c, &d));
     let mut out = [0; BLOCK];
     for k in 0..BLOCK {
         out[k] = (low[k] & high[k]) + ((low[k] ^ high[k]) >> 1);
@@ -138,7 +154,7 @@ fn mean_of_4([a, b, c, d]: [&Run; 4]) -> Run {
 }
 
 #[inline(always)]
-fn mean_of_8([a, b, c, d, e, f, g, h]: [&Run; 8]) -> Run {
+fn mean_of_8([a, b, c, d, e, f, g, h]: [Run; 8]) -> Run {
     mean(&mean_of_4([a, b, c, d]), &mean_of_4([e, f, g, h]))
 }
 
@@ -147,7 +163,7 @@ const TAPS_MAX: usize = 16;
 
 /// Number of taps of a flow, a power of two.
 fn tap_count([across, down]: [f32; 2]) -> usize {
-    let length = across.hypot(down);
+    let length = (across * across + down * down).sqrt();
     if length < FLOW_MIN {
         return 1;
     }
@@ -157,17 +173,16 @@ fn tap_count([across, down]: [f32; 2]) -> usize {
 }
 
 impl BlockTaps {
-    /// Taps of the block at a column of an image of rows of `stride` pixels.
-    fn new(left: usize, stride: usize, flow: [f32; 2]) -> Self {
-        let count = tap_count(flow);
-        let mut offsets = [BORDER * stride + left; TAPS_MAX];
-        for (tap, offset) in offsets[..count].iter_mut().enumerate() {
-            let part = (tap as f32 + 0.5) / count as f32 - 0.5;
+    /// Sets the taps of the block at a column of an image of rows of `stride` pixels.
+    fn set(&mut self, left: usize, stride: usize, flow: [f32; 2]) {
+        self.count = tap_count(flow);
+        let per = 1.0 / self.count as f32;
+        for (tap, offset) in self.offsets[..self.count].iter_mut().enumerate() {
+            let part = (tap as f32 + 0.5) * per - 0.5;
             let [across, down] = flow.map(|pixels| (part * pixels).round() as isize);
             let column = left.saturating_add_signed(across).min(stride - BLOCK);
-            *offset = BORDER.saturating_add_signed(down) * stride + column;
+            *offset = (BORDER.saturating_add_signed(down) * stride + column) as u32;
         }
-        BlockTaps { count, offsets }
     }
 }
 
@@ -194,7 +209,7 @@ impl BlockRay {
         let slope = (vz - self.slope * (tx * vx + ty * vy)) / distance * motion.shutter;
         let flow =
             [0, 1].map(|k| azimuth * self.pixels_per_azimuth[k] + slope * self.pixels_per_slope[k]);
-        let length = flow[0].hypot(flow[1]);
+        let length = (flow[0] * flow[0] + flow[1] * flow[1]).sqrt();
         flow.map(|part| part * (FLOW_MAX / length.max(FLOW_MAX)))
     }
 }

@@ -1,9 +1,8 @@
 //! Where do the rays of a block point at their rows' exposure? The robot drives and tilts while the rows are read out.
 
-use localize::frames::Pose;
-
 use super::blocks::{Block, BlockRays, LinearValues};
-use super::lanes::{BlockValues, LANES, Lanes, Vector, larger, splat};
+use super::field_from_robot::FieldFromRobot;
+use super::lanes::{BlockValues, LANES, Lanes, Vector, from_high_bits, splat};
 use super::row_transform::RowTransform;
 
 /// Largest distance of a ground point, metres: beyond any hall.
@@ -31,29 +30,47 @@ pub(super) struct MovedBlock {
 
 /// Moves rays of one image row.
 #[inline(always)]
-pub(super) fn move_lanes(rays: &RayLanes, r: &[f32; 9], shift: [f32; 2]) -> RayLanes {
-    let mut out = RayLanes::default();
-    for i in 0..LANES {
-        let rotate = |x: f32, y: f32, z: f32| {
-            [0, 3, 6].map(|k| r[k].mul_add(x, r[k + 1].mul_add(y, r[k + 2] * z)))
-        };
-        let [px, py, pz] = rotate(rays.direction[0][i], rays.direction[1][i], rays.slope[i]);
-        let per = 1.0 / larger(px.mul_add(px, py * py), 1e-12).sqrt();
-        let [x, y, z] = rotate(rays.origin[0][i], rays.origin[1][i], rays.origin[2][i]);
-        (out.direction[0][i], out.direction[1][i]) = (px * per, py * per);
-        out.slope[i] = pz * per;
-        (out.origin[0][i], out.origin[1][i]) = (x + shift[0], y + shift[1]);
-        out.origin[2][i] = z;
+pub(super) fn move_lanes(rays: &RayLanes, r: &[f32; 9], [x, y]: [f32; 2]) -> RayLanes {
+    let [dx, dy, dz] = rotate(rays.origin.map(Vector::new), r);
+    let (direction, slope) = turn_lanes(&rays.direction, &rays.slope, r);
+    RayLanes {
+        origin: [dx + splat(x), dy + splat(y), dz].map(Vector::to_array),
+        direction,
+        slope,
     }
-    out
+}
+
+/// Directions and slopes of rays after a rotation.
+#[inline(always)]
+fn turn_lanes(direction: &[Lanes; 2], slope: &Lanes, r: &[f32; 9]) -> ([Lanes; 2], Lanes) {
+    let [x, y, z] = rotate([direction[0], direction[1], *slope].map(Vector::new), r);
+    let length2 = x.mul_add(x, y * y).fast_max(splat(1e-12));
+    let per = splat(1.0) / length2.sqrt();
+    (
+        [x * per, y * per].map(Vector::to_array),
+        (z * per).to_array(),
+    )
+}
+
+#[inline(always)]
+fn rotate([x, y, z]: [Vector; 3], r: &[f32; 9]) -> [Vector; 3] {
+    [0, 3, 6].map(|k| {
+        let [rx, ry, rz] = [r[k], r[k + 1], r[k + 2]].map(splat);
+        rx.mul_add(x, ry.mul_add(y, rz * z))
+    })
 }
 
 impl RayLanes {
+    /// Falls per horizontal metre, above 0.
+    #[inline(always)]
+    pub(super) fn fall(&self) -> Vector {
+        (-Vector::new(self.slope)).fast_max(splat(LEVEL_SLOPE))
+    }
+
     /// Distances to the ground; `RANGE_MAX` if a ray does not meet it.
     #[inline(always)]
     pub(super) fn ground_distance(&self) -> Lanes {
-        let fall = (-Vector::new(self.slope)).fast_max(splat(LEVEL_SLOPE));
-        let distance = Vector::new(self.origin[2]) / fall;
+        let distance = Vector::new(self.origin[2]) / self.fall();
         distance.fast_min(splat(RANGE_MAX)).to_array()
     }
 
@@ -67,11 +84,11 @@ impl RayLanes {
         })
     }
 
-    /// Ground points in the field frame, for the robot at a pose, and sine and cosine of its direction.
+    /// Ground points in the field frame, for the robot at a pose.
     #[inline(always)]
-    pub(super) fn ground_in_field(&self, pose: Pose, (sin, cos): (f32, f32)) -> [Lanes; 2] {
+    pub(super) fn ground_in_field(&self, pose: FieldFromRobot) -> [Lanes; 2] {
         let [x, y] = self.ground().map(Vector::new);
-        let [sin, cos] = [sin, cos].map(splat);
+        let [sin, cos] = [pose.sin, pose.cos].map(splat);
         [
             cos.mul_add(x, splat(pose.x) - sin * y).to_array(),
             sin.mul_add(x, cos.mul_add(y, splat(pose.y))).to_array(),
@@ -122,28 +139,39 @@ impl MovedBlock {
         transform: &RowTransform,
         height_px: usize,
     ) {
-        let lanes = |values: &LinearValues, row: usize| -> Lanes {
-            let (middle, step) = values.row(row);
-            let mut lanes = [0.0; LANES];
-            for (lane, value) in lanes.iter_mut().enumerate() {
-                *value = step.mul_add(lane as f32 - (LANES - 1) as f32 / 2.0, middle);
+        let per_height = 1.0 / height_px as f32;
+        let image_row = |row: f32| row.mul_add(per_height, -0.5);
+        let middle = image_row((block.row * LANES) as f32 + LANES as f32 / 2.0);
+        // The rotation changes so little between a block's rows that its middle's serves all origins.
+        let r = transform.rotation_at(middle);
+        let shift = transform.shift_at(middle);
+        let origin = [0, 1, 2].map(|k| {
+            let turned = LinearValues::sum(&block.origin, [r[3 * k], r[3 * k + 1], r[3 * k + 2]]);
+            match (shift.get(k), transform.shift.get(k)) {
+                (Some(shift), Some(change)) => turned.shifted(*shift, change * per_height),
+                _ => turned,
             }
-            lanes
-        };
-        self.spacing = rest.spacing;
+        });
         for row in 0..LANES {
-            let rays = RayLanes {
-                origin: block.origin.each_ref().map(|of| lanes(of, row)),
-                direction: rest.direction.each_ref().map(|of| of[row]),
-                slope: rest.slope[row],
-            };
-            let image_row = ((block.row * LANES + row) as f32 + 0.5) / height_px as f32 - 0.5;
+            let image_row = image_row((block.row * LANES + row) as f32 + 0.5);
             let rotation = if ROLLS {
                 transform.rotation_at(image_row)
             } else {
                 transform.rotation[0]
             };
-            self.rows[row] = move_lanes(&rays, &rotation, transform.shift_at(image_row));
+            let (direction, slope) = turn_lanes(
+                &rest.direction.each_ref().map(|of| of[row]),
+                &rest.slope[row],
+                &rotation,
+            );
+            self.rows[row] = RayLanes {
+                origin: origin.each_ref().map(|of| of.row(row)),
+                direction,
+                slope,
+            };
+            for (spacing, rest) in self.spacing.iter_mut().zip(&rest.spacing) {
+                spacing[row] = rest[row].map(from_high_bits);
+            }
         }
     }
 }

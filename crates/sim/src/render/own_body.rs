@@ -106,11 +106,11 @@ impl OwnBody {
         }
     }
 
-    /// Draws it over a row of one colour.
-    pub(super) fn draw(&self, row: usize, colour: usize, light: &mut [u16]) {
+    /// Draws it over a row of pixels that measure two colours in even and odd columns.
+    pub(super) fn draw(&self, row: usize, colours: [usize; 2], light: &mut [u16]) {
         for PixelOverlay { column, left, adds } in &self.overlay[row] {
-            let light = &mut light[*column];
-            *light = f32::from(*light).mul_add(*left, adds[colour]) as u16;
+            let (light, adds) = (&mut light[*column], adds[colours[column % 2]]);
+            *light = f32::from(*light).mul_add(*left, adds) as u16;
         }
     }
 }

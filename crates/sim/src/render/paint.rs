@@ -5,15 +5,15 @@ use std::f32::consts::FRAC_PI_2;
 use localize::field::Field;
 
 use super::cables::Cable;
-use super::lanes::{BlockValues, LANES, Vector, shares, splat};
+use super::lanes::{BlockValues, LANES, Vector, reciprocal_sqrt, shares, splat};
 use super::stroke_grid::StrokeGrid;
 use super::strokes::{Area, Shape, Stroke, painted_markings};
 
 /// Width of the optics' blur on the floor over that of a box of the footprint's size. Its variance is twice the box's.
 pub(super) const PAINT_BLUR: f32 = std::f32::consts::SQRT_2;
 
-/// Added to each width, so that none is 0, metres.
-const WIDTH_MIN: f32 = 1e-4;
+/// Least width of a footprint, metres.
+pub(super) const WIDTH_MIN: f32 = 1e-4;
 
 /// Paint and cables on a field.
 pub(super) struct Paint {
@@ -30,6 +30,8 @@ pub(super) struct GroundBlock {
     /// Squares of the footprint's sides along and across the direction, m².
     pub(super) along2: BlockValues,
     pub(super) across2: BlockValues,
+    /// Half of the footprint's larger side, metres.
+    pub(super) half_width: BlockValues,
 }
 
 impl GroundBlock {
@@ -40,6 +42,7 @@ impl GroundBlock {
             direction: [zero; 2],
             along2: zero,
             across2: zero,
+            half_width: zero,
         }
     }
 
@@ -49,30 +52,31 @@ impl GroundBlock {
         [0, 1].map(|k| Vector::new(self.at[k][row]) - splat(point[k]))
     }
 
-    /// Distances of a row's points from a point, and the directions from there.
+    /// Distances of a row's points from a point.
     #[inline(always)]
-    fn directions_from(&self, row: usize, point: [f32; 2]) -> (Vector, [Vector; 2]) {
+    fn distances_from(&self, row: usize, point: [f32; 2]) -> (Vector, [Vector; 2]) {
         let [dx, dy] = self.offsets_from(row, point);
         let distance = dx.mul_add(dx, dy * dy).sqrt() + splat(WIDTH_MIN);
-        let per = splat(1.0) / distance;
-        (distance, [dx * per, dy * per])
+        (distance, [dx, dy])
     }
 
-    /// Widths of the footprints of a row along a direction (unit vector) and across it, metres.
+    /// Reciprocals of the widths of a row's footprints along a direction (unit vector) and across it, 1/m.
     #[inline(always)]
-    pub(super) fn widths(&self, row: usize, nx: Vector, ny: Vector) -> [Vector; 2] {
+    pub(super) fn per_width(&self, row: usize, nx: Vector, ny: Vector) -> [Vector; 2] {
         let [tx, ty] = [0, 1].map(|k| Vector::new(self.direction[k][row]));
-        let (along2, across2) = (
-            Vector::new(self.along2[row]),
-            Vector::new(self.across2[row]),
-        );
-        let dot = tx.mul_add(nx, ty * ny);
+        let [along2, across2] = [&self.along2, &self.across2].map(|of| Vector::new(of[row]));
         let cross = tx * ny - ty * nx;
-        let (dot2, cross2) = (dot * dot, cross * cross);
-        [
-            along2.mul_add(dot2, across2 * cross2).sqrt() + splat(WIDTH_MIN),
-            along2.mul_add(cross2, across2 * dot2).sqrt() + splat(WIDTH_MIN),
-        ]
+        // The squares of both widths have the sum of the squares of both sides.
+        let square = (across2 - along2).mul_add(cross * cross, along2);
+        let least = splat(WIDTH_MIN * WIDTH_MIN);
+        [square, along2 + across2 - square].map(|square| reciprocal_sqrt(square.fast_max(least)))
+    }
+
+    /// True if a footprint of a row may reach what is at some distances from the points.
+    #[inline(always)]
+    fn reaches(&self, row: usize, distances: Vector) -> bool {
+        let gaps = distances - Vector::new(self.half_width[row]);
+        gaps.simd_lt(splat(0.0)).any()
     }
 }
 
@@ -148,11 +152,17 @@ impl Stroke {
         let [ux, uy] = along.map(splat);
         for (row, covered) in covered.iter_mut().enumerate() {
             let [dx, dy] = ground.offsets_from(row, middle);
-            let [wide, long] = ground.widths(row, -uy, ux);
-            let across = interval(dy * ux - dx * uy, self.half, wide);
-            let along = interval(dx.mul_add(ux, dy * uy), half_length, long);
+            let (across, along) = (dy * ux - dx * uy, dx.mul_add(ux, dy * uy));
+            let past_side = across.abs() - splat(self.half);
+            let past_end = along.abs() - splat(half_length);
+            if !ground.reaches(row, past_side.fast_max(past_end)) {
+                continue;
+            }
+            let [per_wide, per_long] = ground.per_width(row, -uy, ux);
+            let within = interval(past_side, self.half, per_wide);
+            let part = within * interval(past_end, half_length, per_long);
             // Where markings overlap, the larger coverage counts.
-            *covered = Vector::new(*covered).fast_max(across * along).to_array();
+            *covered = Vector::new(*covered).fast_max(part).to_array();
         }
     }
 
@@ -166,11 +176,16 @@ impl Stroke {
             return;
         };
         for (row, covered) in covered.iter_mut().enumerate() {
-            let (distance, [nx, ny]) = ground.directions_from(row, centre);
-            let [wide, long] = ground.widths(row, nx, ny);
-            let mut part = interval(distance - splat(radius), self.half, wide);
+            let (distance, [dx, dy]) = ground.distances_from(row, centre);
+            let past_side = (distance - splat(radius)).abs() - splat(self.half);
+            if !ground.reaches(row, past_side) {
+                continue;
+            }
+            let per = splat(1.0) / distance;
+            let [nx, ny] = [dx * per, dy * per];
+            let [per_wide, per_long] = ground.per_width(row, nx, ny);
+            let mut part = interval(past_side, self.half, per_wide);
             if let Some((ends, is_short)) = ends {
-                let [dx, dy] = [distance * nx, distance * ny];
                 // Distances inwards from the radii at both ends.
                 let [after, before] = ends.map(|[x, y]| splat(x) * dy - splat(y) * dx);
                 let inside = if is_short {
@@ -178,7 +193,7 @@ impl Stroke {
                 } else {
                     after.fast_max(-before)
                 };
-                part *= shares(inside / long + splat(0.5));
+                part *= shares(inside.mul_add(per_long, splat(0.5)));
             }
             *covered = Vector::new(*covered).fast_max(part).to_array();
         }
@@ -189,23 +204,28 @@ impl Stroke {
             return;
         };
         for (row, covered) in covered.iter_mut().enumerate() {
-            let (distance, [nx, ny]) = ground.directions_from(row, centre);
-            let [wide, across] = ground.widths(row, nx, ny);
+            let (distance, [dx, dy]) = ground.distances_from(row, centre);
+            let past_edge = distance - splat(self.half);
+            if !ground.reaches(row, past_edge) {
+                continue;
+            }
+            let per = splat(1.0) / distance;
+            let [nx, ny] = [dx * per, dy * per];
+            let [per_wide, per_across] = ground.per_width(row, nx, ny);
             // A footprint larger than the disc holds its area: π r² in place of 2 r times the width.
-            let small = (splat(FRAC_PI_2 * self.half) / across).fast_min(splat(1.0));
-            let part = small * interval(distance, self.half, wide);
+            let small = (splat(FRAC_PI_2 * self.half) * per_across).fast_min(splat(1.0));
+            let part = small * interval(past_edge, self.half, per_wide);
             *covered = Vector::new(*covered).fast_max(part).to_array();
         }
     }
 }
 
-/// Share of [offset − width/2, offset + width/2] within ± half.
+/// Shares of footprints within ± half, by how far their middles are past it.
 #[inline(always)]
-fn interval(offset: Vector, half: f32, width: Vector) -> Vector {
-    let (reach, half) = (splat(0.5) * width, splat(half));
-    let from = (offset - reach).fast_max(-half);
-    let to = (offset + reach).fast_min(half);
-    ((to - from) / width).fast_max(splat(0.0))
+fn interval(past: Vector, half: f32, per_width: Vector) -> Vector {
+    let inside = past.mul_neg_add(per_width, splat(0.5));
+    let most = (splat(2.0 * half) * per_width).fast_min(splat(1.0));
+    inside.fast_min(most).fast_max(splat(0.0))
 }
 
 #[cfg(test)]
@@ -225,6 +245,7 @@ mod tests {
             direction: [all(0.6), all(0.8)],
             along2: all(width * width),
             across2: all(width * width),
+            half_width: all(width),
         };
         let paint = Paint {
             strokes: strokes.to_vec(),

@@ -4,6 +4,8 @@
 //! Both point spread functions are two-sided exponentials, as those of real optics have long tails. They are applied to
 //! an image of `CELL` × `CELL` pixels per value, which halos exceed in width.
 
+use wide::i16x16;
+
 use super::image::LightImage;
 use crate::image_sensor::ImageSensorConfig;
 
@@ -181,19 +183,23 @@ fn place_between(index: usize, last: usize) -> (usize, usize, f32) {
 
 /// Averages the cells of `CELL` × `CELL` pixels of `CELL` rows in one colour.
 fn average_cells(rows: &[u16], stride: usize, colour: usize, values: &mut [[f32; 4]]) {
+    const PIXELS: usize = 16;
+    /// Signed numbers start half of the range of unsigned ones lower.
+    const MOVED: f32 = 32_768.0;
     let [first, second, third, fourth] =
-        [0, 1, 2, 3].map(|row: usize| rows[row * stride..][..stride].as_chunks::<CELL>().0);
+        [0, 1, 2, 3].map(|row: usize| rows[row * stride..][..stride].as_chunks::<PIXELS>().0);
     let pairs = first.iter().zip(second).zip(third.iter().zip(fourth));
-    for (value, ((first, second), (third, fourth))) in values.iter_mut().zip(pairs) {
-        let mut sums = [0u32; CELL];
-        for k in 0..CELL {
-            sums[k] = u32::from(first[k])
-                + u32::from(second[k])
-                + u32::from(third[k])
-                + u32::from(fourth[k]);
+    let cells = values.as_chunks_mut::<{ PIXELS / CELL }>().0;
+    for (cells, ((first, second), (third, fourth))) in cells.iter_mut().zip(pairs) {
+        // Sums of two neighbours.
+        let [first, second, third, fourth] = [first, second, third, fourth].map(|pixels| {
+            i16x16::new(pixels.map(|pixel| (pixel ^ 0x8000) as i16)).dot(i16x16::splat(1))
+        });
+        let sums = ((first + second) + (third + fourth)).to_array();
+        for (k, cell) in cells.iter_mut().enumerate() {
+            let sum = (sums[2 * k] + sums[2 * k + 1]) as f32;
+            cell[colour] = sum.mul_add(1.0 / (CELL * CELL) as f32, MOVED);
         }
-        let sum = (sums[0] + sums[2]) + (sums[1] + sums[3]);
-        value[colour] = sum as f32 * (1.0 / (CELL * CELL) as f32);
     }
 }
 

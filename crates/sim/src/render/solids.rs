@@ -1,7 +1,7 @@
 //! How are objects drawn? Upright prisms with antialiased edges, over what is behind them.
 
 use super::culling::{Cylinder, Reach, ReachMargins};
-use super::lanes::{BlockLight, LANES, Lanes, any_positive, edge_coverage, larger, smaller};
+use super::lanes::{BlockLight, LANES, Lanes, any_positive, edge_coverage, larger, share, smaller};
 use super::moving_rays::{MovedBlock, RayLanes};
 use super::panels::Panel;
 use super::spheres::Sphere;
@@ -160,19 +160,27 @@ impl Solid {
                     slope[i].mul_add(entry[i], oz[i]),
                     slope[i].mul_add(exit[i], oz[i]),
                 );
-                // Vertical distance between neighbouring rays at entry and exit.
+                // Over the vertical distance between neighbouring rays at entry and exit.
                 let per_metre = slope_spacing[i];
-                let (w_in, w_out) = (
-                    entry[i].mul_add(per_metre, 1e-4),
-                    exit[i].mul_add(per_metre, 1e-4),
+                let (per_in, per_out) = (
+                    1.0 / entry[i].mul_add(per_metre, 1e-4),
+                    1.0 / exit[i].mul_add(per_metre, 1e-4),
                 );
                 let falls = slope[i] < 0.0;
-                let (low, w_low) = if falls { (z_out, w_out) } else { (z_in, w_in) };
-                let (high, w_high) = if falls { (z_in, w_in) } else { (z_out, w_out) };
-                let under_top = edge_coverage(self.top - low, w_low);
-                let over_bottom = edge_coverage(high - self.bottom, w_high);
+                let (low, per_low) = if falls {
+                    (z_out, per_out)
+                } else {
+                    (z_in, per_in)
+                };
+                let (high, per_high) = if falls {
+                    (z_in, per_in)
+                } else {
+                    (z_out, per_out)
+                };
+                let under_top = share((self.top - low).mul_add(per_low, 0.5));
+                let over_bottom = share((high - self.bottom).mul_add(per_high, 0.5));
                 covered[i] *= under_top * over_bottom;
-                cap[i] = edge_coverage(z_in - self.top, w_in);
+                cap[i] = share((z_in - self.top).mul_add(per_in, 0.5));
                 side[i] = shading[i] * (1.0 - cap[i]);
             }
             for (plane, (of_side, of_cap)) in light.iter_mut().zip(self.side.iter().zip(self.cap)) {
@@ -205,7 +213,8 @@ fn chord_of_circle(radius: f32, light_direction: LightDirection, ray: RayOffset)
         entry: larger(along - half, 0.0),
         exit: larger(along + half, 0.0),
         shading: 0.72
-            + (0.22 * (nx * light_direction[0] + ny * light_direction[1]) + 0.1 * half) / radius,
+            + (0.22 * (nx * light_direction[0] + ny * light_direction[1]) + 0.1 * half)
+                * (1.0 / radius),
     }
 }
 
@@ -233,7 +242,8 @@ fn chord_of_box(
         slanted(cos.mul_add(tx, sin * ty)),
         slanted(cos.mul_add(ty, -sin * tx)),
     );
-    let (per_x, per_y) = (1.0 / rx, 1.0 / ry);
+    let per_both = 1.0 / (rx * ry);
+    let (per_x, per_y) = (ry * per_both, rx * per_both);
     let (mid_x, mid_y) = (px * per_x, py * per_y);
     let (half_x, half_y) = (half[0] * per_x.abs(), half[1] * per_y.abs());
     let (in_x, in_y) = (mid_x - half_x, mid_y - half_y);

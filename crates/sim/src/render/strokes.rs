@@ -137,16 +137,17 @@ impl Stroke {
             }
             Shape::Arc { centre, radius, .. } => {
                 let [dx, dy] = off(centre);
-                let distance = dx.hypot(dy).max(1e-6);
+                let distance = (dx * dx + dy * dy).sqrt().max(1e-6);
                 // The area lies between two lines across the direction to its centre; within them, points off that
                 // direction are farther from the arc's centre.
                 let reach = area.reach([dx / distance, dy / distance]);
-                let far = area.half[0].hypot(area.half[1]);
+                let [along, across] = area.half;
+                let far = (along * along + across * across).sqrt();
                 distance - reach <= radius + self.half && distance + far >= radius - self.half
             }
             Shape::Disc { centre } => {
                 let [dx, dy] = off(centre);
-                let distance = dx.hypot(dy).max(1e-6);
+                let distance = (dx * dx + dy * dy).sqrt().max(1e-6);
                 distance <= self.half + area.reach([dx / distance, dy / distance])
             }
         }

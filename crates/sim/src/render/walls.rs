@@ -1,9 +1,8 @@
 //! How are walls drawn? Those of the hall, and a field's own ones.
 
-use localize::frames::Pose;
-
 use super::culling::ReachMargins;
 use super::environment::{CELL, Environment};
+use super::field_from_robot::FieldFromRobot;
 use super::lanes::{BlockLight, LANES, any_positive, blend, edge_coverage, larger, smaller};
 use super::lattice::BlockView;
 use super::moving_rays::{MovedBlock, RayLanes};
@@ -20,7 +19,7 @@ impl Environment {
     /// Which walls may a block see above the floor: the hall's, the field's own?
     pub(super) fn visible_walls(
         &self,
-        pose: Pose,
+        pose: FieldFromRobot,
         view: &BlockView,
         margins: &ReachMargins,
     ) -> [bool; 2] {
@@ -47,8 +46,13 @@ impl Environment {
 
     /// Draws the hall's walls on a block.
     #[inline(never)]
-    pub(super) fn draw_walls(&self, pose: Pose, rays: &MovedBlock, light: &mut BlockLight) {
-        let (sin, cos) = pose.theta.sin_cos();
+    pub(super) fn draw_walls(
+        &self,
+        pose: FieldFromRobot,
+        rays: &MovedBlock,
+        light: &mut BlockLight,
+    ) {
+        let (sin, cos) = (pose.sin, pose.cos);
         let [hx, hy] = self.half;
         let per_cell = 1.0 / CELL;
         let (most_column, most_row) = ((self.columns - 1) as f32, (self.rows - 1) as f32);
@@ -113,11 +117,16 @@ impl Environment {
     }
 
     /// Draws the field's own walls, white and open at the goals' mouths.
-    pub(super) fn draw_field_walls(&self, pose: Pose, rays: &MovedBlock, light: &mut BlockLight) {
+    pub(super) fn draw_field_walls(
+        &self,
+        pose: FieldFromRobot,
+        rays: &MovedBlock,
+        light: &mut BlockLight,
+    ) {
         let Some(([hx, hy], mouth)) = self.field_walls else {
             return;
         };
-        let (sin, cos) = pose.theta.sin_cos();
+        let (sin, cos) = (pose.sin, pose.cos);
         let white = FIELD_WALL_RGB.map(linear_from_srgb);
         for (row, of_row) in rays.rows.iter().enumerate() {
             let RayLanes {
@@ -152,13 +161,11 @@ impl Environment {
 }
 
 /// Least distance to a wall in the directions of a block; `gaps`: to the walls at +x, +y, -x and -y.
-fn nearest_wall(pose: Pose, view: &BlockView, gaps: [f32; 4]) -> f32 {
+fn nearest_wall(pose: FieldFromRobot, view: &BlockView, gaps: [f32; 4]) -> f32 {
     let Some([half_cos, half_sin]) = view.half_angle else {
         return gaps.into_iter().fold(f32::MAX, f32::min);
     };
-    let (sin, cos) = pose.theta.sin_cos();
-    let [tx, ty] = view.towards;
-    let (tx, ty) = (cos * tx - sin * ty, sin * tx + cos * ty);
+    let [tx, ty] = pose.rotate(view.towards);
     let mut nearest = f32::MAX;
     for (gap, part, turn) in [
         (gaps[0], tx, ty),
