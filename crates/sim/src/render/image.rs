@@ -59,11 +59,13 @@ impl LightImage {
     /// Writes a block.
     #[inline(never)]
     pub(super) fn write(&mut self, [column, row]: [usize; 2], light: &BlockLight) {
-        let first = (BORDER + row * LANES) * self.stride + column * LANES;
+        // In runs of a block's width.
+        let stride = self.stride / LANES;
+        let first = (BORDER + row * LANES) * stride + column;
         for (plane, light) in self.planes.iter_mut().zip(light) {
+            let runs = plane.as_chunks_mut::<LANES>().0;
             for (row, light) in light.iter().enumerate() {
-                let from = first + row * self.stride;
-                plane[from..from + LANES].copy_from_slice(&tones_of_row(light));
+                runs[first + row * stride] = tones_of_row(light);
             }
         }
     }

@@ -6,7 +6,7 @@ use vision::{Ray, RayTable};
 use super::blocks::Block;
 use super::field_from_robot::FieldFromRobot;
 use super::floor_light::FloorLight;
-use super::lanes::{BlockValues, LANES, Lanes, larger, smaller};
+use super::lanes::{BlockValues, LANES, Lanes, Vector, larger, smaller, splat};
 use super::moving_rays::{RANGE_MAX, RayLanes, move_lanes};
 use super::row_transform::RowTransform;
 use super::spacing::{azimuth, slope};
@@ -193,28 +193,23 @@ impl Lattice {
 
     #[inline(always)]
     fn interpolate(&self, values: &[Lanes], block: &Block, out: &mut BlockValues) {
-        /// Places of pixels between two points.
-        const PARTS: [f32; STEP] = [0.0, 0.25, 0.5, 0.75];
-        let mut points = [[0.0; CELLS + 1]; CELLS + 1];
-        for (down, points) in points.iter_mut().enumerate() {
-            for (across, value) in points.iter_mut().enumerate() {
-                let (group, lane) =
-                    self.point(CELLS * block.column + across, CELLS * block.row + down);
-                *value = values[group][lane];
-            }
-        }
+        /// Places of a row's pixels between two points.
+        const PARTS: Lanes = [0.0, 0.25, 0.5, 0.75, 0.0, 0.25, 0.5, 0.75];
+        let stride = self.groups * LANES;
+        let first = CELLS * (block.row * stride + block.column);
+        let values = values.as_flattened();
+        // Along each row of points first.
+        let rows: [Vector; CELLS + 1] = std::array::from_fn(|down| {
+            let at: &[f32; CELLS + 1] = values[first + down * stride..]
+                .first_chunk()
+                .unwrap_or(&[0.0; CELLS + 1]);
+            let left = Vector::new(std::array::from_fn(|lane| at[lane / STEP]));
+            let right = Vector::new(std::array::from_fn(|lane| at[lane / STEP + 1]));
+            Vector::new(PARTS).mul_add(right - left, left)
+        });
         for (row, out) in out.iter_mut().enumerate() {
-            let (above, below) = (&points[row / STEP], &points[row / STEP + 1]);
-            let mut at = [0.0; CELLS + 1];
-            for (at, (above, below)) in at.iter_mut().zip(above.iter().zip(below)) {
-                *at = PARTS[row % STEP].mul_add(below - above, *above);
-            }
-            for cell in 0..CELLS {
-                for step in 0..STEP {
-                    out[cell * STEP + step] =
-                        PARTS[step].mul_add(at[cell + 1] - at[cell], at[cell]);
-                }
-            }
+            let (above, below) = (rows[row / STEP], rows[row / STEP + 1]);
+            *out = splat(PARTS[row]).mul_add(below - above, above).to_array();
         }
     }
 }

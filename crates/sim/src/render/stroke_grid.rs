@@ -3,7 +3,7 @@
 use super::strokes::{Area, Stroke};
 
 /// Cell of the grid, metres.
-const CELL: f32 = 0.5;
+const CELL: f32 = 0.8;
 
 /// The strokes in each cell.
 pub(super) struct StrokeGrid {
