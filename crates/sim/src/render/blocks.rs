@@ -36,7 +36,7 @@ pub(super) struct BlockRays {
     /// Height per horizontal metre.
     pub(super) slope: BlockValues,
     /// Azimuth and slope between neighbouring pixels' rays, times the blur of the optics.
-    /// Of each number the higher half of its bits, which is exact to 0.2 %.
+    /// Of each number the higher half of its bits, which is exact to 0.4 %.
     pub(super) spacing: [[[u16; LANES]; LANES]; 2],
 }
 

@@ -89,3 +89,25 @@ pub(super) fn blend(light: &mut BlockLight, row: usize, part: &Lanes, colour: [f
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reciprocal_square_roots_are_within_their_stated_error() {
+        for step in 0..4000 {
+            let number = 1e-8 * 1.01f32.powi(step);
+            let product =
+                reciprocal_sqrt(splat(number)).to_array()[step as usize % LANES] * number.sqrt();
+            assert!((product - 1.0).abs() < 6.6e-4, "{number}: {product}");
+        }
+    }
+
+    #[test]
+    fn higher_half_of_the_bits_is_exact_to_0_4_percent() {
+        for number in [1e-5f32, 0.0123, 0.3, 1.99] {
+            assert!((from_high_bits(high_bits(number)) / number - 1.0).abs() < 4e-3);
+        }
+    }
+}
