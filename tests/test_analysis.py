@@ -49,7 +49,7 @@ def test_cycle_table_matches_the_run_summary(game: Path) -> None:
     # The first image alone does not exclude another place.
     assert (found["nees"] > 0.0).all() and found["std_x_m"].iloc[1:].between(1e-5, 0.2).all()
     # The mount of camera and mirror is not known at first.
-    assert found["std_x_m"].iloc[30:].max() < 0.03 and found["std_x_m"].iloc[-1] < 0.01
+    assert found["std_x_m"].iloc[30:].max() < 0.06 and found["std_x_m"].iloc[-1] < 0.02
 
 
 def test_streamed_pieces_equal_the_whole_table(game: Path) -> None:
