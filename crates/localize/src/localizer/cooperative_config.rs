@@ -44,7 +44,7 @@ impl Default for CooperativeConfig {
     fn default() -> Self {
         CooperativeConfig {
             enabled: true,
-            determined_std_max: 0.05,
+            determined_std_max: 0.1,
             needed_after: 1.0,
             own_std_min: 0.01,
             own_std_max: 0.5,
