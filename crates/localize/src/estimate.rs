@@ -72,6 +72,9 @@ pub struct Estimate {
     /// Of (x, y, θ), metres and radians, including the spread of possible alternatives, but not the half turn. When lost,
     /// that of a uniform distribution over the field.
     pub covariance: Matrix3<f32>,
+    /// Share of it by errors that no number of images averages away: of map, camera mount and measured field. They are
+    /// constant in the robot's frame while it sees the same markings.
+    pub repeated_covariance: Matrix3<f32>,
     /// How the pose was found.
     pub mode: Mode,
     /// Why it is not simply tracked.
@@ -136,6 +139,7 @@ impl Estimate {
             stamp,
             pose: None,
             covariance,
+            repeated_covariance: Matrix3::zeros(),
             mode: Mode::Lost,
             reason: None,
             inlier_rms: 0.0,

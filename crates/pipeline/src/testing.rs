@@ -335,6 +335,7 @@ impl RandomValues {
             stamp,
             pose: (!lost).then(|| self.pose()),
             covariance: self.matrix(),
+            repeated_covariance: self.matrix(),
             mode: [Mode::Lost, Mode::Tracking, Mode::Global][number as usize % 3],
             reason: lost.then_some(Reason::NoMatch),
             inlier_rms: self.value(),

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct CooperativeConfig {
     /// Correct the pose by team-mates.
     pub enabled: bool,
-    /// Markings determine a pose whose position has at most this standard deviation, metres.
+    /// Markings determine a pose whose position has at most this standard deviation without errors that repeat, metres.
     pub determined_std_max: f32,
     /// Time without markings that determine the pose after which team-mates correct it, seconds.
     pub needed_after: f32,
@@ -44,7 +44,7 @@ impl Default for CooperativeConfig {
     fn default() -> Self {
         CooperativeConfig {
             enabled: true,
-            determined_std_max: 0.1,
+            determined_std_max: 0.05,
             needed_after: 1.0,
             own_std_min: 0.01,
             own_std_max: 0.5,

@@ -392,10 +392,12 @@ impl Localizer {
 
     /// Adds the errors of the map that filtering does not average away.
     fn add_repeated_errors(&self, estimate: &mut Estimate) {
+        let averaged = estimate.covariance;
         if self.state.track().is_some() {
             estimate.covariance += self.repeated_covariance;
         }
         self.add_map_uncertainty(estimate);
+        estimate.repeated_covariance = estimate.covariance - averaged;
     }
 
     /// Adds the image to the figures of the fit. `points` are compensated for the tilt that was expected; the estimate's

@@ -36,6 +36,8 @@ impl EstimateParts<'_> {
             stamp,
             pose: filter.map(PoseFilter::pose),
             covariance: self.covariance,
+            // `process_points` adds them.
+            repeated_covariance: Matrix3::zeros(),
             mode: self.mode,
             reason: self.reason,
             inlier_rms: self.figures.residual,

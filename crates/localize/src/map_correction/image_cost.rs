@@ -21,7 +21,7 @@ impl MapCorrection {
     /// Is a point less certain by the map than by itself? Root mean squares over the points of the present image.
     pub fn is_uncertain(&self) -> bool {
         let [own, map] = self.points.iter().fold([0.0; 2], |[own, map], point| {
-            let [radial, tangential] = self.variances_at(point.range());
+            let [radial, tangential] = self.variances_at(point.range(), &self.variances);
             let own_variance = point.radial_variance + point.tangential_variance;
             [own + own_variance, map + radial + tangential]
         });

@@ -2,8 +2,9 @@
 
 use super::basis::DisplacedPoint;
 use super::certainty::claimed;
-use super::state::{MapCorrection, RawPoint};
-use super::term::{NODES, TERMS_MAX};
+use super::state::{MapCorrection, NodeVariances, RawPoint};
+use super::sums::TermMatrix;
+use super::term::{BasisTerm, TERMS_MAX};
 use crate::frames::{At, RobotFrame};
 use crate::math;
 use crate::sample::LinePoint;
@@ -35,10 +36,10 @@ impl MapCorrection {
         At::new(x, y)
     }
 
-    /// Covariance (xx, xy, yy; m²) of a corrected point by the map's remaining uncertainty.
+    /// Covariance (xx, xy, yy; m²) of a corrected point by what is not known about the map, as far as it may be claimed.
     pub fn point_covariance(&self, at: At<RobotFrame>) -> [f32; 3] {
         let range = math::hypot(at.x, at.y).max(1e-3);
-        let [radial, tangential] = self.variances_at(range);
+        let [radial, tangential] = self.variances_at(range, &self.claimed_variances);
         let (c, s) = (at.x / range, at.y / range);
         [
             radial * c * c + tangential * s * s,
@@ -47,7 +48,7 @@ impl MapCorrection {
         ]
     }
 
-    /// Corrects the points of an image and adds the map's remaining uncertainty to their standard deviations.
+    /// Corrects the points of an image and adds to their standard deviations what learning does not know about the map.
     pub fn correct(&mut self, points: &mut [LinePoint]) {
         let prepared = self.basis.prepare(self.single_coefficients());
         self.points.clear();
@@ -57,7 +58,7 @@ impl MapCorrection {
             let [x, y] = displaced.at;
             point.at = At::new(x, y);
             let raw = RawPoint::new(point, given, &displaced);
-            let [radial, tangential] = self.variances_at(math::hypot(x, y));
+            let [radial, tangential] = self.variances_at(math::hypot(x, y), &self.variances);
             point.std_radial = (raw.radial_variance + radial).sqrt();
             point.std_tangential = (raw.tangential_variance + tangential).sqrt();
             self.points.push(raw);
@@ -86,14 +87,14 @@ impl MapCorrection {
     }
 
     /// Variances of a displaced point at `range` metres: radial, tangential; m².
-    pub(super) fn variances_at(&self, range: f32) -> [f32; 2] {
+    pub(super) fn variances_at(&self, range: f32, variances: &NodeVariances) -> [f32; 2] {
         let (node, share) = self.basis.node_at(range);
         let slope = range / self.basis.height();
         let per_radian = self.basis.height() * (1.0 + slope * slope);
         // Across the line of sight a radian of φ sin γ is as long as the ray.
         let across = self.basis.height() * (1.0 + slope * slope).sqrt();
         let between = |axis: usize| {
-            let (low, high) = (self.variances[node][axis], self.variances[node + 1][axis]);
+            let (low, high) = (variances[node][axis], variances[node + 1][axis]);
             low + share * (high - low)
         };
         [
@@ -102,26 +103,31 @@ impl MapCorrection {
         ]
     }
 
-    /// What follows from the covariance: what may be claimed, and variances by node, means over the bearing.
+    /// What follows from the covariance: what may be claimed, and variances by node.
     pub(super) fn update_variances(&mut self) {
         let terms = self.basis.terms();
         self.claimed = claimed(&self.prior, &self.covariance, terms.len()).unwrap_or(self.prior);
-        let deviation = self.deviation();
-        for node in 0..NODES {
-            let mut sums = [0.0; 2];
-            for (i, a) in terms.iter().enumerate() {
-                for (j, b) in terms.iter().enumerate() {
-                    // Different harmonics are uncorrelated over the bearing.
-                    if a.harmonic != b.harmonic {
-                        continue;
-                    }
-                    let covariance = deviation[(i, j)] as f32;
-                    let [radial, tangential] = a.harmonic.mean_squares();
-                    sums[0] += covariance * radial * a.radial[node] * b.radial[node];
-                    sums[1] += covariance * tangential * a.tangential[node] * b.tangential[node];
-                }
-            }
-            self.variances[node] = sums.map(|sum| sum.max(0.0));
-        }
+        self.variances = node_variances(terms, &self.deviation());
+        self.claimed_variances = node_variances(terms, &self.claimed_deviation());
     }
+}
+
+/// Variances of a displaced point by node for unknowns of this covariance, means over the bearing.
+fn node_variances(terms: &[BasisTerm], covariance: &TermMatrix) -> NodeVariances {
+    std::array::from_fn(|node| {
+        let mut sums = [0.0; 2];
+        for (i, a) in terms.iter().enumerate() {
+            for (j, b) in terms.iter().enumerate() {
+                // Different harmonics are uncorrelated over the bearing.
+                if a.harmonic != b.harmonic {
+                    continue;
+                }
+                let covariance = covariance[(i, j)] as f32;
+                let [radial, tangential] = a.harmonic.mean_squares();
+                sums[0] += covariance * radial * a.radial[node] * b.radial[node];
+                sums[1] += covariance * tangential * a.tangential[node] * b.tangential[node];
+            }
+        }
+        sums.map(|sum| sum.max(0.0))
+    })
 }

@@ -12,6 +12,9 @@ use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
+/// Variances of a displaced point, radial and tangential, by node of the range.
+pub(super) type NodeVariances = [[f32; 2]; NODES];
+
 /// Variance of the residuals over the stated one before any was seen.
 pub(super) const INITIAL_NOISE: f64 = 4.0;
 
@@ -92,8 +95,8 @@ pub struct MapCorrection {
     /// Error of (x, y, θ, a, b) per error of each unknown.
     pub(super) sensitivity: PoseByTerm,
     pub(super) points: Vec<RawPoint>,
-    /// Variance of a displaced point, radial and tangential, by node.
-    pub(super) variances: [[f32; 2]; NODES],
+    pub(super) variances: NodeVariances,
+    pub(super) claimed_variances: NodeVariances,
     pub(super) stamp: Option<Stamp>,
     /// Pose of the last tracked image, and of the last one used.
     pub(super) last_pose: Option<Pose>,
@@ -128,6 +131,7 @@ impl MapCorrection {
             sensitivity: PoseByTerm::zeros(),
             points: Vec::new(),
             variances: [[0.0; 2]; NODES],
+            claimed_variances: [[0.0; 2]; NODES],
             stamp: None,
             last_pose: None,
             used_pose: None,

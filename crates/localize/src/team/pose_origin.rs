@@ -3,6 +3,8 @@
 //! A robot that team-mates corrected must not correct others, or its own correction would return to it as news. A robot
 //! that sees no markings must not either, since its error lasts longer than others assume.
 
+use nalgebra::Matrix3;
+
 use crate::estimate::{Estimate, Mode};
 use crate::localizer::CooperativeConfig;
 use crate::math;
@@ -42,7 +44,8 @@ impl PoseOrigin {
         }
         let is_long =
             |since: Stamp| since.seconds_until(estimate.stamp) >= f64::from(config.needed_after);
-        self.undetermined_since.is_some_and(is_long) && position_std(estimate) >= config.own_std_min
+        self.undetermined_since.is_some_and(is_long)
+            && position_std(&estimate.covariance) >= config.own_std_min
     }
 
     /// Does the pose of this image rest on the markings alone?
@@ -50,18 +53,18 @@ impl PoseOrigin {
         let stamp = estimate.stamp;
         let is_tracking = estimate.mode == Mode::Tracking && estimate.pose.is_some();
         let is_matched = is_tracking && estimate.reason.is_none();
-        let is_determined = is_matched && position_std(estimate) <= config.determined_std_max;
+        // What all images share of the map's error leaves no direction open.
+        let own = estimate.covariance - estimate.repeated_covariance;
+        let is_determined = is_matched && position_std(&own) <= config.determined_std_max;
         if is_determined || !is_tracking {
             self.undetermined_since = None;
         } else {
             self.undetermined_since.get_or_insert(stamp);
         }
-        let limit = if self.corrected {
-            config.determined_std_max
-        } else {
-            config.helper_std_max
-        };
-        let by_markings = is_matched && estimate.half_known && position_std(estimate) <= limit;
+        let by_markings = is_matched
+            && estimate.half_known
+            && position_std(&estimate.covariance) <= config.helper_std_max
+            && (is_determined || !self.corrected);
         if by_markings {
             self.since.get_or_insert(stamp);
             self.last = Some(stamp);
@@ -81,12 +84,8 @@ impl PoseOrigin {
     }
 }
 
-/// Largest standard deviation of the position in any direction, metres. Infinite without a pose.
-fn position_std(estimate: &Estimate) -> f32 {
-    if estimate.pose.is_none() {
-        return f32::INFINITY;
-    }
-    let p = &estimate.covariance;
+/// Largest standard deviation of the position in any direction, metres.
+fn position_std(p: &Matrix3<f32>) -> f32 {
     let mean = 0.5 * (p[(0, 0)] + p[(1, 1)]);
     let half_difference = 0.5 * (p[(0, 0)] - p[(1, 1)]);
     (mean + math::hypot(half_difference, p[(0, 1)]))
@@ -96,8 +95,6 @@ fn position_std(estimate: &Estimate) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Matrix3;
-
     use super::*;
     use crate::estimate::Reason;
     use crate::frames::Pose;
@@ -178,6 +175,20 @@ mod tests {
         for k in 0..100 {
             // A single line: its images are accepted, but leave a direction to the team-mates.
             assert!(!origin.update(&image(f64::from(k) * 0.1, 0.07, None), &config));
+        }
+    }
+
+    #[test]
+    fn uncertain_map_alone_needs_no_mates() {
+        let config = CooperativeConfig::default();
+        let mut origin = PoseOrigin::default();
+        for k in 0..30 {
+            let estimate = Estimate {
+                repeated_covariance: Matrix3::from_diagonal_element(0.068 * 0.068),
+                ..image(f64::from(k) * 0.1, 0.07, None)
+            };
+            assert!(origin.update(&estimate, &config));
+            assert!(!origin.needs_mates(&estimate, &config));
         }
     }
 

@@ -144,6 +144,10 @@ pub(crate) struct Estimate {
     /// Absent unless the pose is ambiguous.
     #[prost(message, optional)]
     pub(crate) advice: Option<Advice>,
+    /// Share of the covariance by errors that no number of images averages away, row by row. Empty in logs of earlier
+    /// versions.
+    #[prost(float, repeated)]
+    pub(crate) repeated_covariance: Vec<f32>,
 }
 
 /// `localize::global_search::branch_and_bound::Certificate`: what all other poses explain at most, shares of the points.

@@ -7,6 +7,7 @@ use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::global_search::branch_and_bound::{Certificate, Hypothesis};
 use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
+use nalgebra::Matrix3;
 
 use super::super::wire;
 use super::geometry::{matrix, pair, pose_from_wire, pose_to_wire};
@@ -31,6 +32,7 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         stamp,
         pose,
         covariance,
+        repeated_covariance,
         mode,
         reason,
         inlier_rms: residual,
@@ -84,6 +86,7 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
             is_attained: certificate.is_attained,
         }),
         advice: advice.map(advice_to_wire),
+        repeated_covariance: repeated_covariance.transpose().iter().copied().collect(),
     }
 }
 
@@ -118,6 +121,10 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
         stamp: Stamp(estimate.stamp_ns),
         pose: estimate.pose.as_ref().map(pose_from_wire),
         covariance: matrix(&estimate.covariance)?,
+        repeated_covariance: match estimate.repeated_covariance[..] {
+            [] => Matrix3::zeros(),
+            ref values => matrix(values)?,
+        },
         mode: mode_named(&estimate.mode)?,
         reason: match estimate.reason.as_str() {
             "" => None,
