@@ -151,7 +151,7 @@ fn floor_of_a_block_is_that_of_all_strokes_and_of_the_carpets_edge() {
         [half_x + 0.5, half_y + 0.5],
         &mut ChaCha8Rng::seed_from_u64(3),
     );
-    let mut floor = Floor::new(&fixture.field, [150, 112, 82], &cables);
+    let mut floor = Floor::new(&fixture.field, [150, 112, 82], &cables, 0.0);
     let pose = Pose::new(3.0, -2.0, 0.7);
     for motion in motions() {
         let (transform, _) = fixture.update(pose, &motion);

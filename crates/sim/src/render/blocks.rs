@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use vision::{Ray, RayTable};
 
-use super::lanes::{BlockValues, LANES, Lanes, Vector, high_bits, splat};
+use super::lanes::{BlockValues, LANES, Lanes, Vector, from_high_bits, high_bits, splat};
 use super::paint::PAINT_BLUR;
 use super::spacing::{azimuth, pixel_spacing, slope};
 
@@ -196,6 +196,18 @@ impl Blocks {
             }
         }
         blocks
+    }
+
+    /// The smaller side of a footprint on the floor over its distance, of the median block.
+    pub(super) fn footprint(&self) -> f32 {
+        let mut sides: Vec<f32> = (self.rays.iter())
+            .map(|rays| {
+                let [turn, rise] = (rays.spacing.each_ref()).map(|of| from_high_bits(of[0][0]));
+                turn.min(rise / rays.slope[0][0].abs().max(1e-3))
+            })
+            .collect();
+        sides.sort_by(f32::total_cmp);
+        sides.get(sides.len() / 2).copied().unwrap_or(0.0)
     }
 
     /// Pixels without a ray in blocks that have rays, in an image of rows of `stride` pixels.

@@ -24,13 +24,33 @@ pub(super) struct Cable {
 }
 
 impl Cable {
-    /// The straight pieces, as markings of the cable's width.
-    pub(super) fn segments(&self) -> impl Iterator<Item = Marking> + '_ {
-        self.points.windows(2).map(|pair| Marking::Line {
-            from: At::new(pair[0][0], pair[0][1]),
-            to: At::new(pair[1][0], pair[1][1]),
-        })
+    /// Its points in runs of up to `steps` pieces. The last point of a run is the first one of the next.
+    pub(super) fn runs(&self, steps: usize) -> impl Iterator<Item = &[[f32; 2]]> {
+        let last = self.points.len() - 1;
+        (0..last)
+            .step_by(steps)
+            .map(move |first| &self.points[first..=(first + steps).min(last)])
     }
+}
+
+/// The straight line in place of pieces through some points, and its largest distance from these, metres.
+pub(super) fn merge(points: &[[f32; 2]]) -> (Marking, f32) {
+    let (from, to) = (points[0], points[points.len() - 1]);
+    let [dx, dy] = [0, 1].map(|k| to[k] - from[k]);
+    let length = dx.hypot(dy).max(1e-6);
+    let normal = [-dy / length, dx / length];
+    let (mut low, mut high) = (0.0f32, 0.0f32);
+    for point in points {
+        let off = (point[0] - from[0]) * normal[0] + (point[1] - from[1]) * normal[1];
+        (low, high) = (low.min(off), high.max(off));
+    }
+    let middle = (low + high) / 2.0;
+    let at = |end: [f32; 2]| At::new(end[0] + middle * normal[0], end[1] + middle * normal[1]);
+    let line = Marking::Line {
+        from: at(from),
+        to: at(to),
+    };
+    (line, (high - low) / 2.0)
 }
 
 /// The cables of a hall on a carpet of ± half metres.

@@ -28,6 +28,8 @@ pub(super) struct Floor {
     marking: [f32; 3],
     /// Around the carpet.
     surround: [f32; 3],
+    /// The smaller side of a pixel's footprint over its distance.
+    footprint: f32,
     /// Strokes that the current block may see.
     strokes: Vec<u32>,
     ground: GroundBlock,
@@ -44,7 +46,8 @@ pub(super) enum FloorView {
 }
 
 impl Floor {
-    pub(super) fn new(field: &Field, floor_rgb: [u8; 3], cables: &[Cable]) -> Self {
+    /// `footprint`: the smaller side of a pixel's footprint over its distance.
+    pub(super) fn new(field: &Field, floor_rgb: [u8; 3], cables: &[Cable], footprint: f32) -> Self {
         let (half_x, half_y) = field.carpet_half_extent();
         let (paint, carpet_half) = (Paint::new(field, cables), [half_x, half_y]);
         let painted = paint.half_extent();
@@ -55,6 +58,7 @@ impl Floor {
             carpet: linear(CARPET),
             marking: linear(MARKING_RGB),
             surround: linear(floor_rgb),
+            footprint,
             strokes: Vec::new(),
             ground: GroundBlock::new(),
             covered: [[[0.0; LANES]; LANES]; 2],
@@ -81,7 +85,7 @@ impl Floor {
             axis: [ux, uy],
             half: view.ground_half,
         };
-        self.paint.find(&area, half, &mut self.strokes);
+        self.paint.find(&area, &mut self.strokes);
         let outside = (0..2).any(|k| reach(-1.0, k) > self.carpet_half[k]);
         if self.strokes.is_empty() && (inside || outside) {
             FloorView::Bare { on_carpet: inside }
@@ -90,10 +94,20 @@ impl Floor {
         }
     }
 
+    /// Merges pieces of cables as far as the robot cannot tell.
+    pub(super) fn merge_cables(&mut self, pose: FieldFromRobot) {
+        self.paint.merge_cables([pose.x, pose.y], self.footprint);
+    }
+
     /// Takes all strokes as those that a block sees.
     #[cfg(test)]
     pub(super) fn find_all(&mut self) {
-        self.strokes = self.paint.all();
+        let everywhere = Area {
+            centre: [0.0; 2],
+            axis: [1.0, 0.0],
+            half: [100.0; 2],
+        };
+        self.paint.find(&everywhere, &mut self.strokes);
     }
 
     /// Light of bare floor.

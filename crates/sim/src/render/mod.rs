@@ -24,7 +24,7 @@ mod shadows;
 mod solids;
 mod spacing;
 mod spheres;
-mod stroke_grid;
+mod stroke_culling;
 mod strokes;
 mod walls;
 
@@ -135,7 +135,12 @@ impl Renderer {
         Ok(Renderer {
             size_px: [width_px, height_px],
             lattice,
-            floor: Floor::new(config.field, config.environment.floor_rgb, &cables),
+            floor: Floor::new(
+                config.field,
+                config.environment.floor_rgb,
+                &cables,
+                blocks.footprint(),
+            ),
             floor_light: FloorLight::new(config.field, config.light, config.environment),
             light: config.light.clone(),
             field: config.field.config.clone(),
@@ -189,6 +194,7 @@ impl Renderer {
         let margins = ReachMargins::new(origins, &transform);
         let draw_list = DrawList::new(scene, &self.field, &self.environment, &self.light, &margins);
         self.lattice.update(&transform, pose, &self.floor_light);
+        self.floor.merge_cables(pose);
         let Renderer {
             lattice,
             floor,

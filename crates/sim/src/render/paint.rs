@@ -6,7 +6,7 @@ use localize::field::Field;
 
 use super::cables::Cable;
 use super::lanes::{BlockValues, LANES, Vector, reciprocal_sqrt, shares, splat};
-use super::stroke_grid::StrokeGrid;
+use super::stroke_culling::StrokeCulling;
 use super::strokes::{Area, Shape, Stroke, painted_markings};
 
 /// Width of the optics' blur on the floor over that of a box of the footprint's size. Its variance is twice the box's.
@@ -18,7 +18,7 @@ pub(super) const WIDTH_MIN: f32 = 1e-4;
 /// Paint and cables on a field.
 pub(super) struct Paint {
     strokes: Vec<Stroke>,
-    grid: StrokeGrid,
+    culling: StrokeCulling,
 }
 
 /// Ground points of a block in the field frame, and their footprints.
@@ -84,20 +84,13 @@ impl Paint {
     pub(super) fn new(field: &Field, cables: &[Cable]) -> Self {
         let half = field.config.line_width / 2.0;
         let markings = painted_markings(field);
-        let white = markings
-            .iter()
-            .map(|marking| Stroke::new(marking, half, false));
-        let black = cables.iter().flat_map(|cable| {
-            let half = cable.width / 2.0;
-            cable
-                .segments()
-                .map(move |piece| Stroke::new(&piece, half, true))
-        });
-        let strokes: Vec<Stroke> = white.chain(black).collect();
-        Paint {
-            grid: StrokeGrid::new(field.carpet_half_extent(), &strokes),
-            strokes,
-        }
+        let white: Vec<Stroke> = (markings.iter())
+            .map(|marking| Stroke::new(marking, half, false))
+            .collect();
+        let (mut strokes, mut culling) = (Vec::new(), StrokeCulling::default());
+        culling.add(&white, &mut strokes);
+        culling.add_cables(cables, &mut strokes);
+        Paint { strokes, culling }
     }
 
     /// Half sides of a box around the field's centre that holds all strokes.
@@ -108,15 +101,14 @@ impl Paint {
         })
     }
 
-    /// Finds the strokes that may touch an area; `half`: half sides of a box along the field's axes around it.
-    pub(super) fn find(&mut self, area: &Area, half: [f32; 2], found: &mut Vec<u32>) {
-        self.grid.find(&self.strokes, area, half, found);
+    /// Merges pieces of cables for a view from a point. `footprint`: the smaller side of a footprint over its distance.
+    pub(super) fn merge_cables(&mut self, from: [f32; 2], footprint: f32) {
+        self.culling.merge_cables(from, footprint);
     }
 
-    /// All strokes.
-    #[cfg(test)]
-    pub(super) fn all(&self) -> Vec<u32> {
-        (0..self.strokes.len() as u32).collect()
+    /// Finds the strokes that may touch an area.
+    pub(super) fn find(&self, area: &Area, found: &mut Vec<u32>) {
+        self.culling.find(area, found);
     }
 
     /// The shares of each footprint that some strokes cover: white paint, and black cables on it.
@@ -249,7 +241,7 @@ mod tests {
         };
         let paint = Paint {
             strokes: strokes.to_vec(),
-            grid: StrokeGrid::new((20.0, 20.0), strokes),
+            culling: StrokeCulling::default(),
         };
         let found: Vec<u32> = (0..strokes.len() as u32).collect();
         let mut covered = [all(0.0); 2];

@@ -34,18 +34,11 @@ pub(super) enum Shape {
 }
 
 /// A box on the field: centre, unit vector along its first side, half its sides, metres.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Area {
     pub(super) centre: [f32; 2],
     pub(super) axis: [f32; 2],
     pub(super) half: [f32; 2],
-}
-
-impl Area {
-    /// Half its extent along a direction (unit vector).
-    fn reach(&self, [x, y]: [f32; 2]) -> f32 {
-        let [ux, uy] = self.axis;
-        self.half[0] * (ux * x + uy * y).abs() + self.half[1] * (ux * y - uy * x).abs()
-    }
 }
 
 impl Stroke {
@@ -122,35 +115,21 @@ impl Stroke {
         }
     }
 
-    /// True if it may touch an area.
-    pub(super) fn touches(&self, area: &Area) -> bool {
-        let off = |from: [f32; 2]| [0, 1].map(|k| area.centre[k] - from[k]);
-        match self.shape {
-            Shape::Line {
-                middle,
-                along: [ux, uy],
-                half_length,
-            } => {
-                let [dx, dy] = off(middle);
-                (dy * ux - dx * uy).abs() <= self.half + area.reach([-uy, ux])
-                    && (dx * ux + dy * uy).abs() <= half_length + area.reach([ux, uy])
-            }
-            Shape::Arc { centre, radius, .. } => {
-                let [dx, dy] = off(centre);
-                let distance = (dx * dx + dy * dy).sqrt().max(1e-6);
-                // The area lies between two lines across the direction to its centre; within them, points off that
-                // direction are farther from the arc's centre.
-                let reach = area.reach([dx / distance, dy / distance]);
-                let [along, across] = area.half;
-                let far = (along * along + across * across).sqrt();
-                distance - reach <= radius + self.half && distance + far >= radius - self.half
-            }
-            Shape::Disc { centre } => {
-                let [dx, dy] = off(centre);
-                let distance = (dx * dx + dy * dy).sqrt().max(1e-6);
-                distance <= self.half + area.reach([dx / distance, dy / distance])
-            }
-        }
+    /// The box of a line.
+    pub(super) fn area(&self) -> Option<Area> {
+        let Shape::Line {
+            middle,
+            along,
+            half_length,
+        } = self.shape
+        else {
+            return None;
+        };
+        Some(Area {
+            centre: middle,
+            axis: along,
+            half: [half_length, self.half],
+        })
     }
 }
 

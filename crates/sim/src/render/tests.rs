@@ -432,6 +432,38 @@ fn scattered_light_brightens_the_dark_and_mosaic_noise_is_correlated() {
 }
 
 #[test]
+fn merged_pieces_of_cables_change_an_image_by_less_than_60_db() {
+    let mut fixture = render_fixture(Mount::default());
+    let environment = EnvironmentConfig {
+        cables: 3,
+        ..EnvironmentConfig::default()
+    };
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields/msl_18x12.toml");
+    let field = Field::load(&path).expect("a field");
+    let footprint = fixture.renderer.blocks.footprint();
+    let mut image = |cables: usize, footprint: f32| {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let half: [f32; 2] = field.carpet_half_extent().into();
+        let cables = &cables::lay_cables(&environment, half, &mut rng)[..cables];
+        fixture.renderer.floor = Floor::new(&field, environment.floor_rgb, cables, footprint);
+        fixture.render(Pose::new(1.0, -0.5, 0.3), &[], &[])
+    };
+    let [none, pieces, merged] = [(0, 0.0), (3, 0.0), (3, footprint)].map(|(n, f)| image(n, f));
+    let psnr = |a: &[u8], b: &[u8]| {
+        let squares = a
+            .iter()
+            .zip(b)
+            .map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
+        10.0 * (255.0f64.powi(2) * a.len() as f64 / squares.sum::<f64>()).log10()
+    };
+    let [shown, changed] = [psnr(&none, &pieces), psnr(&merged, &pieces)];
+    assert!(
+        changed > 60.0 && changed > shown + 15.0,
+        "{shown} dB, {changed} dB"
+    );
+}
+
+#[test]
 fn ball_in_the_air_is_rendered_on_its_rays_and_shades_the_floor_below() {
     let ball = |height: f32| SceneBall {
         at: At::new(2.0, 0.6),
