@@ -3,7 +3,8 @@
 use crate::objects::network_layers::{LANES, Weights, accumulate, rectify};
 use crate::objects::patch::{CHANNELS, SAMPLES, SIDE};
 
-/// Units of a dense layer, and channels of the second convolution, that are summed at a time; these have a multiple of them.
+/// Units of a dense layer and channels of the first convolution, and channels of the second one, that are summed at a time;
+/// these have a multiple of them.
 const BLOCK: usize = 8;
 const CHANNEL_BLOCK: usize = 16;
 /// Sides of the layers: each convolution halves them.
@@ -82,7 +83,8 @@ impl<const OUT: usize, const CONV1: usize, const CONV2: usize, const DENSE: usiz
 
     /// First convolution, with a border of zeros before its rows and columns.
     ///
-    /// A row of places at a time: additions to one sum wait for each other, those of six places do not.
+    /// A row of places at a time: additions to one sum wait for each other, those of six places do not. Eight channels at a
+    /// time: the sums of sixteen would not stay in registers.
     fn convolve_first(&self, patch: &[f32; CHANNELS * SAMPLES]) -> Framed<CONV1> {
         let mut planes = [[[0.0; SIDE + 1]; SIDE + 1]; CHANNELS];
         for (plane, values) in planes.iter_mut().zip(patch.as_chunks::<SAMPLES>().0) {
@@ -92,19 +94,23 @@ impl<const OUT: usize, const CONV1: usize, const CONV2: usize, const DENSE: usiz
             }
         }
         let mut out = [[[0.0; CONV1]; SIDE1 + 1]; SIDE1 + 1];
+        let biases = self.conv1_bias.as_chunks::<BLOCK>().0;
         for (row, out) in out[1..].iter_mut().enumerate() {
-            let mut sums = [self.conv1_bias; SIDE1];
-            for (plane, kernel) in planes.iter().zip(&*self.conv1) {
-                for (inputs, weights) in plane[2 * row..][..3].iter().zip(kernel) {
-                    for (shift, weights) in weights.iter().enumerate() {
-                        for (column, sums) in sums.iter_mut().enumerate() {
-                            accumulate(sums, inputs[2 * column + shift], weights);
+            for (block, &bias) in biases.iter().enumerate() {
+                let mut sums = [bias; SIDE1];
+                for (plane, kernel) in planes.iter().zip(&*self.conv1) {
+                    for (inputs, weights) in plane[2 * row..][..3].iter().zip(kernel) {
+                        for (shift, weights) in weights.iter().enumerate() {
+                            let weights = &weights.as_chunks::<BLOCK>().0[block];
+                            for (column, sums) in sums.iter_mut().enumerate() {
+                                accumulate(sums, inputs[2 * column + shift], weights);
+                            }
                         }
                     }
                 }
-            }
-            for (out, sums) in out[1..].iter_mut().zip(sums) {
-                *out = rectify(sums);
+                for (out, sums) in out[1..].iter_mut().zip(sums) {
+                    out.as_chunks_mut().0[block] = rectify(sums);
+                }
             }
         }
         out
