@@ -9,7 +9,7 @@ use localize::math;
 
 use crate::image::{ImageView, OUTSIDE};
 use crate::objects::ball_candidates::BallCandidate;
-use crate::objects::patch::{logarithms, pixels_at};
+use crate::objects::patch::{COLUMNS, Directions, logarithms, pixels_at};
 use crate::objects::view_angles::ViewAngles;
 
 /// Samples of the window's side, and their spacing in ball radii: the window spans 4.8 radii.
@@ -194,8 +194,10 @@ fn read_window(
 ) -> Option<Window> {
     let mut window = [[0.0; SIDE * SIDE]; 4];
     let ray = angles.ray(candidate.azimuth);
-    let directions: [(f32, f32); SIDE] = std::array::from_fn(|column| {
-        math::sin_cos(candidate.azimuth + offset(column) * candidate.ball.half_width)
+    // The last column again where no more are left.
+    let directions = Directions::<{ SIDE.next_multiple_of(COLUMNS) }>::new(|column| {
+        let aside = offset(column.min(SIDE - 1)) * candidate.ball.half_width;
+        math::sin_cos(candidate.azimuth + aside)
     });
     let size_px = [image.width_px, image.height_px];
     let logarithms = logarithms();
@@ -206,7 +208,7 @@ fn read_window(
             return None;
         }
         let mut read = [0; SIDE];
-        image.read_rgb(&pixels, &mut read);
+        image.read_rgb(&pixels[..SIDE], &mut read);
         for (place, rgb) in (row * SIDE..).zip(read) {
             let [r, g, b, _] = rgb.to_le_bytes();
             let logs = [r, g, b].map(|level| logarithms[usize::from(level)]);

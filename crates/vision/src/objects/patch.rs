@@ -7,6 +7,8 @@
 use std::sync::LazyLock;
 
 use localize::math;
+use wide::bytemuck::cast;
+use wide::{f32x4, u32x4};
 
 use crate::image::{ImageView, OUTSIDE};
 use crate::objects::view_angles::ViewAngles;
@@ -98,10 +100,10 @@ impl PatchFrame {
         self.view_angle + (row as f32 - self.origin_row) * self.row_step
     }
 
-    /// Sine and cosine of each column's azimuth.
-    fn directions(&self) -> [(f32, f32); SIDE] {
+    /// Direction of each column.
+    fn directions(&self) -> Directions<SIDE> {
         let (sin, cos) = math::sin_cos(self.azimuth);
-        std::array::from_fn(|column| {
+        Directions::new(|column| {
             let place = column as f32 - (SIDE - 1) as f32 / 2.0;
             match self.columns {
                 Columns::Angular(step) => math::sin_cos(self.azimuth + place * step),
@@ -116,6 +118,23 @@ impl PatchFrame {
                 }
             }
         })
+    }
+}
+
+/// Sines and cosines of the azimuths of some columns, in arrays of their own for vector instructions.
+pub(crate) struct Directions<const N: usize> {
+    sin: [f32; N],
+    cos: [f32; N],
+}
+
+impl<const N: usize> Directions<N> {
+    /// `direction`: sine and cosine of a column's azimuth.
+    pub(crate) fn new(direction: impl FnMut(usize) -> (f32, f32)) -> Self {
+        let both: [(f32, f32); N] = std::array::from_fn(direction);
+        Directions {
+            sin: both.map(|(sin, _)| sin),
+            cos: both.map(|(_, cos)| cos),
+        }
     }
 }
 
@@ -226,29 +245,42 @@ pub(crate) fn inner_pixels(pixels: &CoarsePixels) -> [[u16; 2]; INNER] {
     COARSE_INNER.map(|index| pixels[index])
 }
 
-/// Pixels at a radius in some directions (sine and cosine of the azimuth).
+/// Pixels at a radius in some directions, a multiple of [`COLUMNS`] in number.
+///
+/// Explicit vectors: the compiler computes one pixel after the other, with a branch for those outside the image.
 #[inline]
 pub(crate) fn pixels_at<const N: usize>(
     centre_px: [f32; 2],
-    [width, height]: [usize; 2],
+    size_px: [usize; 2],
     radius: f32,
-    directions: &[(f32, f32); N],
+    directions: &Directions<N>,
 ) -> [[u16; 2]; N] {
-    let (width, height) = (width as f32, height as f32);
-    directions.map(|(sin, cos)| {
-        let (u, v) = (
-            (centre_px[0] + radius * cos + 0.5).floor(),
-            (centre_px[1] - radius * sin + 0.5).floor(),
-        );
+    const { assert!(N.is_multiple_of(COLUMNS)) };
+    let [centre_u, centre_v] = centre_px.map(f32x4::splat);
+    let [width, height] = size_px.map(|size| f32x4::splat(size as f32));
+    let radius = f32x4::splat(radius);
+    let mut pixels = [OUTSIDE; N];
+    let sines = directions.sin.as_chunks().0.iter();
+    let cosines = directions.cos.as_chunks().0.iter();
+    for ((pixels, &sin), &cos) in pixels.as_chunks_mut().0.iter_mut().zip(sines).zip(cosines) {
+        let u = (centre_u + radius * f32x4::from(cos) + 0.5).floor();
+        let v = (centre_v - radius * f32x4::from(sin) + 0.5).floor();
         // Not a number fails as well.
-        let inside = (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height);
-        if inside {
-            [u as i32 as u16, v as i32 as u16]
-        } else {
-            OUTSIDE
-        }
-    })
+        let inside =
+            u.simd_ge(f32x4::ZERO) & v.simd_ge(f32x4::ZERO) & u.simd_lt(width) & v.simd_lt(height);
+        let [u, v, inside] = [u + LOWEST_BITS, v + LOWEST_BITS, inside].map(cast::<_, u32x4>);
+        let words = u & u32x4::splat(0xffff) | v << 16u32 | !inside;
+        *pixels = words
+            .to_array()
+            .map(|word| [word as u16, (word >> 16) as u16]);
+    }
+    pixels
 }
+
+/// Columns at a time.
+pub(crate) const COLUMNS: usize = 4;
+/// Added to a whole number below 2²³, puts it into the lowest bits.
+const LOWEST_BITS: f32 = 8_388_608.0;
 
 /// What a patch shows; decides which samples are floor before it and what samples outside the image mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -370,6 +402,28 @@ mod tests {
             });
             let inside = [1.0; SAMPLES];
             PatchColours { rgb, inside }
+        }
+    }
+
+    #[test]
+    fn pixels_in_lanes_are_the_nearest_ones_inside_the_image() {
+        let (centre_px, size_px) = ([20.3, 14.8], [40, 30]);
+        let angle = |column: usize| column as f32 * 0.13;
+        let directions = Directions::<48>::new(|column| angle(column).sin_cos());
+        for radius in [0.0, 7.4, 14.6, 15.3, 19.5, 500.0, f32::NAN, f32::INFINITY] {
+            let pixels = pixels_at(centre_px, size_px, radius, &directions);
+            for (column, pixel) in pixels.into_iter().enumerate() {
+                let (sin, cos) = angle(column).sin_cos();
+                let at = [centre_px[0] + radius * cos, centre_px[1] - radius * sin];
+                let [u, v] = at.map(|at| (at + 0.5).floor());
+                let inside = (0.0..40.0).contains(&u) && (0.0..30.0).contains(&v);
+                let nearest = if inside {
+                    [u, v].map(|at| at as u16)
+                } else {
+                    OUTSIDE
+                };
+                assert_eq!(pixel, nearest, "{radius} {column}");
+            }
         }
     }
 

@@ -44,6 +44,7 @@ pub(crate) struct Ray<'a> {
 
 impl Ray<'_> {
     /// Radius in pixels at a view angle; NaN if the image does not show it.
+    #[inline]
     pub(crate) fn radius_px(&self, view_angle: f32) -> f32 {
         let place = (view_angle - ANGLE_FIRST) / ANGLE_STEP;
         let place = place.clamp(0.0, ANGLES as f32 - 1.001);
