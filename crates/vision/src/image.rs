@@ -2,6 +2,7 @@
 
 mod orientation;
 mod pixel_batch;
+mod prefetch;
 
 use std::io::Cursor;
 use std::path::Path;

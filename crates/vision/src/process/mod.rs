@@ -334,6 +334,8 @@ impl Vision {
         let classes = &mut self.subsample_classes;
         for start in (0..image.height_px).step_by(BAND_ROWS) {
             let rows = start..(start + BAND_ROWS).min(image.height_px);
+            // One band lies between, in whose time the rows arrive.
+            image.prefetch_rows(rows.end + BAND_ROWS..rows.end + 2 * BAND_ROWS);
             self.brightness
                 .read(image, colour_model.channel_weights, lines, &rows);
             self.subsample_classifier.classify_rows(
