@@ -25,7 +25,9 @@ use crate::omni::{Twist, UNCORRECTED_MOTION};
 use curvature::CurvatureFilter;
 use decentralised::DecentralisedFilter;
 use joint::JointFilter;
-pub use joint::{ERRORS_PER_MATE, MateInnovation, MateMeasurement, OdometryPrior};
+pub use joint::{
+    ERRORS_PER_MATE, MateInnovation, MateMeasurement, OdometryPrior, TurningPoint, WHEEL_CENTRE_STD,
+};
 use pose_gaussian::{PoseMeasurement, PosePosterior};
 
 /// Estimate of pose and motion with its covariance.
@@ -113,6 +115,14 @@ impl PoseFilter {
         match self {
             PoseFilter::Joint(joint) => joint.odometry_correction(),
             PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => UNCORRECTED_MOTION,
+        }
+    }
+
+    /// The poses' origin about the point that the wheels turn about. None if the filter does not estimate it.
+    pub fn turning_point(&self) -> Option<TurningPoint> {
+        match self {
+            PoseFilter::Joint(joint) => Some(joint.turning_point()),
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => None,
         }
     }
 
@@ -357,6 +367,13 @@ impl PoseFilter {
             PoseFilter::Joint(joint) => joint.shift_pose(step),
             // The members measure the pose again with the next images.
             PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => {}
+        }
+    }
+
+    /// What was seen of [`PoseFilter::turning_point`] is of an earlier map.
+    pub fn forget_origin(&mut self) {
+        if let PoseFilter::Joint(joint) = self {
+            joint.forget_origin();
         }
     }
 

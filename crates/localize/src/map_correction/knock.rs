@@ -3,6 +3,7 @@
 use super::block::Block;
 use super::state::{MapCorrection, TrackedImage};
 use super::sums::{PoseByTerm, TermMatrix};
+use super::turning_point::OriginByWheels;
 use crate::frames::Pose;
 use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceField;
@@ -69,6 +70,7 @@ impl MapCorrection {
 
     pub(super) fn restart_learning(&mut self) {
         self.knock_tests = 0;
+        self.origin_by_wheels = OriginByWheels::default();
         self.trials.clear();
         self.block = Block::new(self.coefficients, self.covariance);
         self.used_pose = None;

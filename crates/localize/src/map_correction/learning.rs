@@ -93,12 +93,16 @@ impl MapCorrection {
 
     /// Takes the estimate into use if the given map is wrong. Returns the change.
     fn follow_estimate(&mut self) -> Option<TermVector> {
-        let step = self.coefficients - self.applied;
+        let by_images = self.coefficients - self.applied;
         let terms = self.basis.terms().len();
-        if !self.is_in_use() && is_expected(&step, &self.covariance, terms) {
+        if !self.is_in_use()
+            && is_expected(&by_images, &self.covariance, terms)
+            && !self.origin_by_wheels.is_contradicted()
+        {
             return None;
         }
-        self.applied = self.coefficients;
+        let step = self.best_step();
+        self.applied += step;
         self.update_variances();
         Some(step)
     }
@@ -145,6 +149,7 @@ impl MapCorrection {
             let squares = evidence.squares
                 + 2.0 * evidence.gradient.dot(&from_used)
                 + from_used.dot(&(evidence.information * from_used));
+            self.seen.add(&evidence.information, squares, freedom);
             let remaining = (squares / freedom).clamp(0.25, 25.0);
             self.noise += NOISE_RATE * (remaining - self.noise);
         }

@@ -27,6 +27,7 @@ mod smooth;
 mod state;
 mod sums;
 mod term;
+mod turning_point;
 
 pub use basis::{DisplacedPoint, MapBasis, PreparedBasis};
 pub use config::MapCorrectionConfig;

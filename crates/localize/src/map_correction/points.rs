@@ -1,7 +1,7 @@
 //! Points of a wrong map: displaced, and as uncertain as the map.
 
 use super::basis::DisplacedPoint;
-use super::certainty::claimed;
+use super::certainty::Claim;
 use super::state::{MapCorrection, NodeVariances, RawPoint};
 use super::sums::TermMatrix;
 use super::term::{BasisTerm, TERMS_MAX};
@@ -106,7 +106,15 @@ impl MapCorrection {
     /// What follows from the covariance: what may be claimed, and variances by node.
     pub(super) fn update_variances(&mut self) {
         let terms = self.basis.terms();
-        self.claimed = claimed(&self.prior, &self.covariance, terms.len()).unwrap_or(self.prior);
+        let by_wheels = self.origin_by_wheels.information();
+        self.claim = Claim::new(
+            &self.prior,
+            &self.covariance,
+            &self.seen,
+            &by_wheels,
+            terms.len(),
+        )
+        .unwrap_or_else(|| Claim::of_new_map(&self.prior));
         self.variances = node_variances(terms, &self.deviation());
         self.claimed_variances = node_variances(terms, &self.claimed_deviation());
     }

@@ -2,10 +2,12 @@
 
 use super::basis::MapBasis;
 use super::block::Block;
+use super::certainty::{Claim, SeenImages};
 use super::config::MapCorrectionConfig;
 use super::far_mount::{MountTrial, SearchSchedule};
 use super::sums::{PoseByTerm, TermMatrix, TermVector};
 use super::term::{NODES, TERMS_MAX, TermKind};
+use super::turning_point::OriginByWheels;
 use crate::frames::{At, Pose};
 use crate::matching::{Match, Matrix5, Repetition};
 use crate::math;
@@ -89,9 +91,10 @@ pub struct MapCorrection {
     pub(super) plausible_centre: TermVector,
     /// With it learning goes on, as if the errors of all images were independent.
     pub(super) covariance: TermMatrix,
-    /// What may be claimed (`certainty`).
-    pub(super) claimed: TermMatrix,
+    pub(super) claim: Claim,
     pub(super) prior: TermMatrix,
+    pub(super) seen: SeenImages,
+    pub(super) origin_by_wheels: OriginByWheels,
     /// Error of (x, y, θ, a, b) per error of each unknown.
     pub(super) sensitivity: PoseByTerm,
     pub(super) points: Vec<RawPoint>,
@@ -126,8 +129,10 @@ impl MapCorrection {
             applied: TermVector::zeros(),
             plausible_centre: TermVector::zeros(),
             covariance: prior,
-            claimed: prior,
+            claim: Claim::of_new_map(&prior),
             prior,
+            seen: SeenImages::default(),
+            origin_by_wheels: OriginByWheels::default(),
             sensitivity: PoseByTerm::zeros(),
             points: Vec::new(),
             variances: [[0.0; 2]; NODES],
@@ -152,17 +157,14 @@ impl MapCorrection {
 
     /// Mean square of the unknowns' deviation from the map in use, as far as learning goes.
     pub(super) fn deviation(&self) -> TermMatrix {
-        self.covariance + self.step_square()
+        let step = self.coefficients - self.applied;
+        self.covariance + step * step.transpose()
     }
 
     /// The same as far as it may be claimed.
     pub(super) fn claimed_deviation(&self) -> TermMatrix {
-        self.claimed + self.step_square()
-    }
-
-    fn step_square(&self) -> TermMatrix {
-        let step = self.coefficients - self.applied;
-        step * step.transpose()
+        let step = self.best_step();
+        self.claim.covariance + step * step.transpose()
     }
 
     /// Did the given map prove wrong, so that points are corrected?
@@ -197,7 +199,7 @@ impl MapCorrection {
                 .map(|(k, term)| TermEstimate {
                     kind: term.kind,
                     value: self.coefficients[k] as f32,
-                    std: self.claimed[(k, k)].max(0.0).sqrt() as f32,
+                    std: self.claim.covariance[(k, k)].max(0.0).sqrt() as f32,
                 })
                 .collect(),
             images: self.images,

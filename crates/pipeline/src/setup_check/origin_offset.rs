@@ -4,6 +4,7 @@
 //! the robot, but the wheels can, in turns (docs/methods.md 16.2).
 
 use localize::Field;
+use localize::filter::WHEEL_CENTRE_STD;
 use localize::math;
 use localize::setup_check::{Comparison, Explanation, FieldTables, compare, refine};
 use nalgebra::{Matrix2, Matrix3, Vector2};
@@ -13,8 +14,6 @@ use super::change::Change;
 use super::variant::SetupVariant;
 use super::wheel_fit::offset_between;
 
-/// Standard deviation of the centre about which right wheels turn, metres.
-const WHEELS_STD: f32 = 0.01;
 /// Standard deviations that an offset must have to be named.
 const OFFSET_SIGMAS: f32 = 3.0;
 /// Shift that shows by how much a pixel moves the origin, pixels.
@@ -39,7 +38,7 @@ impl OriginOffset {
     /// Offset by the steps of an explanation. None for too few steps.
     pub(super) fn measure(explanation: &Explanation) -> Option<Self> {
         let (at, covariance) = offset_between(&explanation.steps())?;
-        let covariance = covariance + Matrix2::identity() * WHEELS_STD.powi(2);
+        let covariance = covariance + Matrix2::identity() * WHEEL_CENTRE_STD.powi(2);
         let squared_sigmas = (at.transpose() * covariance.try_inverse()? * at).x;
         let std = covariance.diagonal().max().sqrt();
         Some(OriginOffset {

@@ -8,6 +8,7 @@
 //! | `process_noise` | Q | 8.4 |
 //! | `wheel_update` | h, H, R of a wheel increment | 8.5 |
 //! | `odometry_correction` | matrix from measured to true motion | 8.5 |
+//! | `turning_point` | origin of the poses about the point that the wheels turn about | 8.5 |
 //! | `wheel_noise` | learned wheel noise | 8.8 |
 //! | `zero_velocity_update` | h, H, R at rest | 8.6 |
 //! | `pose_update` | H and gain of a matched image | 8.7 |
@@ -27,6 +28,7 @@ mod process_noise;
 mod state;
 #[cfg(test)]
 mod tests;
+mod turning_point;
 mod wheel_noise;
 mod wheel_update;
 mod zero_velocity_update;
@@ -35,6 +37,7 @@ use nalgebra::Matrix3;
 
 use super::{FilterConfig, TiltEstimate};
 use crate::frames::{Pose, wrap_angle};
+use crate::math;
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
@@ -45,6 +48,7 @@ use state::{
     ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, POSE, ROW_STRIDE,
     STATES, State, TILT, TWIST, YAW_RATE,
 };
+pub use turning_point::{TurningPoint, WHEEL_CENTRE_STD};
 use wheel_noise::WheelNoiseEstimate;
 
 /// Standard deviation of a new filter's twist: m/s, m/s, rad/s.
@@ -211,8 +215,11 @@ impl JointFilter {
         }
     }
 
-    /// Moves pose (x, y, θ) and camera tilt (a, b). The mount of the inertial unit takes the tilt's part.
+    /// Moves pose (x, y, θ) and camera tilt (a, b) by what a step of the map means. The mount of the inertial unit takes the
+    /// tilt's part.
     pub(super) fn shift_pose(&mut self, step: [f32; 5]) {
+        let (sin, cos) = math::sin_cos(self.state[POSE + 2]);
+        self.shift_origin([cos * step[0] + sin * step[1], cos * step[1] - sin * step[0]]);
         for (value, step) in self.state[POSE..POSE + 3].iter_mut().zip(step) {
             *value += step;
         }

@@ -1,0 +1,108 @@
+//! What do wheels tell about a map? (docs/methods.md 2.13)
+//!
+//! Some errors of a map move all ground points alike, so images cannot tell them from another position of the robot. But the
+//! robot turns about the centre of its wheels, and a pose beside it moves in turns.
+
+use nalgebra::{Matrix2, SMatrix, Vector2};
+
+use super::certainty::REPETITION;
+use super::state::MapCorrection;
+use super::sums::{TermMatrix, TermVector};
+use super::term::TERMS_MAX;
+use crate::filter::TurningPoint;
+use crate::math;
+
+/// Squared distance of the origin from the turning point, in standard deviations, from which the given map is wrong (99.9 % of χ² with
+/// two degrees of freedom).
+pub(super) const WRONG_ORIGIN_CHI_SQUARED: f64 = 13.8;
+
+/// Share by which an image changes the mean over a drive.
+const RATE: f64 = 0.1;
+
+/// The origin's position by the unknowns.
+type OriginByTerm = SMatrix<f64, 2, TERMS_MAX>;
+
+/// The origin of the poses by the map in use, as the wheels tell it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct OriginByWheels {
+    /// About the turning point, robot frame, metres.
+    at: Vector2<f64>,
+    information: Matrix2<f64>,
+    /// Derivative of the origin by the unknowns: mean over the drive.
+    by_term: OriginByTerm,
+    /// Covariance by what differs from this mean, place by place, m².
+    by_place: Matrix2<f64>,
+}
+
+impl OriginByWheels {
+    /// Takes what the drive tells, at an image whose origin has this derivative by the unknowns, known to `covariance`.
+    fn update(&mut self, measured: &TurningPoint, by_term: OriginByTerm, covariance: &TermMatrix) {
+        if self.by_term == OriginByTerm::zeros() {
+            self.by_term = by_term;
+        }
+        let difference = by_term - self.by_term;
+        self.by_term += difference * RATE;
+        let by_place = difference * covariance * difference.transpose();
+        self.by_place += (by_place - self.by_place) * RATE;
+        self.at = measured.origin;
+        self.information = Matrix2::zeros();
+        // (I⁻¹ + V)⁻¹ = (1 + I V)⁻¹ I holds where nothing is known of a direction, too.
+        let information = measured.information / REPETITION;
+        let others = self.by_place + Matrix2::identity() * measured.centre_variance;
+        if let Some(inverse) = (Matrix2::identity() + information * others).try_inverse() {
+            self.information = inverse * information;
+        }
+    }
+
+    /// Does the origin lie beside the turning point beyond doubt?
+    pub(super) fn is_contradicted(&self) -> bool {
+        self.at.dot(&(self.information * self.at)) > WRONG_ORIGIN_CHI_SQUARED
+    }
+
+    /// Information about the unknowns.
+    pub(super) fn information(&self) -> TermMatrix {
+        self.by_term.transpose() * self.information * self.by_term
+    }
+
+    /// Gradient of the negative log likelihood at a step from the map in use.
+    fn gradient(&self, step: &TermVector) -> TermVector {
+        self.by_term.transpose() * (self.information * (self.at + self.by_term * step))
+    }
+}
+
+impl MapCorrection {
+    /// Takes the turning point at the present image, for the next [`MapCorrection::observe`].
+    pub fn take_turning_point(&mut self, measured: &TurningPoint, theta: f32) {
+        let (sin, cos) = math::sin_cos(theta);
+        let [sin, cos] = [sin, cos].map(f64::from);
+        let robot_from_field = Matrix2::new(cos, sin, -sin, cos);
+        let by_term = robot_from_field * self.sensitivity.fixed_rows::<2>(0);
+        self.origin_by_wheels
+            .update(measured, by_term, &self.claim.by_images);
+    }
+
+    /// The best estimate of the unknowns by images and wheels, from the map in use.
+    pub(super) fn best_step(&self) -> TermVector {
+        let step = self.coefficients - self.applied;
+        step - self.claim.covariance * self.origin_by_wheels.gradient(&step)
+    }
+
+    /// How far may this map put the poses' origin from the robot's centre? Standard deviation per axis, metres.
+    pub fn origin_std(&self) -> f32 {
+        let prepared = self.basis.prepare([0.0; TERMS_MAX]);
+        let directions = (0..8).map(|k| math::sin_cos(std::f32::consts::TAU * k as f32 / 8.0));
+        let points: Vec<_> = directions
+            .flat_map(|(sin, cos)| [1.0, 2.0, 3.0, 4.0].map(|range| [range * cos, range * sin]))
+            .map(|at| prepared.displace(at).derivatives)
+            .collect();
+        let variance: f32 = (0..self.basis.terms().len())
+            .map(|k| {
+                let mean = |axis: usize| {
+                    points.iter().map(|point| point[k][axis]).sum::<f32>() / points.len() as f32
+                };
+                0.5 * self.claim.covariance[(k, k)] as f32 * (mean(0).powi(2) + mean(1).powi(2))
+            })
+            .sum();
+        variance.sqrt()
+    }
+}
