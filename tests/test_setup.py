@@ -456,6 +456,17 @@ mates = 3
 """
 
 
+def errors_of(out: Path, truth_file: Path) -> list[tuple[float, float]]:
+    """Error and standard deviation of the position of each image, metres."""
+    truth = {row["stamp_s"]: row for row in poses(truth_file)}
+    errors = []
+    for row in poses(out):
+        true = truth[row["stamp_s"]]
+        dx, dy = (float(row[f"{axis}_m"]) - float(true[f"{axis}_m"]) for axis in "xy")
+        errors.append((math.hypot(dx, dy), math.hypot(float(row["std_x_m"]), float(row["std_y_m"]))))
+    return errors
+
+
 @pytest.mark.parametrize("robot", ["hyperbolic", "default"])
 def test_start_with_a_mirror_aslant_finds_no_other_place(tmp_path: Path, robot: str) -> None:
     config = ROOT / "config"
@@ -463,16 +474,45 @@ def test_start_with_a_mirror_aslant_finds_no_other_place(tmp_path: Path, robot: 
     scenario.write_text(ASLANT.format(robots=config / "robots", robot=robot, fields=config / "fields"))
     run("sim", scenario, "--out", out, "--record", log, "--images", "none")
     run("replay", log, "--export", tmp_path / "drive")
-    truth = {row["stamp_s"]: row for row in poses(tmp_path / "drive" / "truth.csv")}
-    errors = []
-    for row in poses(out):
-        true = truth[row["stamp_s"]]
-        dx, dy = (float(row[f"{axis}_m"]) - float(true[f"{axis}_m"]) for axis in "xy")
-        errors.append((math.hypot(dx, dy), math.hypot(float(row["std_x_m"]), float(row["std_y_m"]))))
+    errors = errors_of(out, tmp_path / "drive" / "truth.csv")
     assert len(errors) > 50
     wrong = [each for each in errors if each[0] > max(0.15, 3.0 * each[1])]
     assert not wrong, wrong
     assert max(error for error, _ in errors[20:]) < 0.15
+
+
+SHIFTED = """\
+robot = "robot.toml"
+field = "{fields}/msl_18x12.toml"
+seed = 1
+duration = 15.0
+frame_rate_hz = 10.0
+start = {{ x = 2.0, y = -1.0, theta_deg = 40.0 }}
+[mount]
+mirror_tilt_deg = [0.026, -0.212]
+mirror_offset = [-0.00047, -0.00174]
+[path]
+speed = 1.2
+turn_rate_deg = 50.0
+waypoints = [{{ x = -4.0, y = 3.0, theta_deg = -120.0 }}, {{ x = 0.0, y = -4.0, theta_deg = 30.0 }}, {{ x = 5.0, y = 2.0, theta_deg = 170.0 }}]
+[wheels]
+radius_scale = [1.01, 1.0, 0.98]
+"""
+
+
+def test_wheels_tell_the_shift_of_all_points_that_images_do_not(tmp_path: Path) -> None:
+    config = ROOT / "config"
+    robot = (config / "robots" / "default.toml").read_text().replace("isometric_2001.csv", "isometric.csv")
+    (tmp_path / "robot.toml").write_text(robot.replace('"../', f'"{config}/'))
+    scenario, out, log = tmp_path / "shifted.toml", tmp_path / "poses.csv", tmp_path / "drive.mcap"
+    scenario.write_text(SHIFTED.format(fields=config / "fields"))
+    run("sim", scenario, "--out", out, "--record", log, "--images", "none")
+    run("replay", log, "--export", tmp_path / "drive")
+    errors = errors_of(out, tmp_path / "drive" / "truth.csv")
+    assert len(errors) > 140
+    assert all(error < 3.0 * std for error, std in errors[20:]), errors
+    # Images alone leave the poses 5 to 10 cm beside the centre.
+    assert max(error for error, _ in errors[70:]) < 0.035, errors[70:]
 
 
 @pytest.mark.parametrize("without", [("odometry.csv",), ("odometry.csv", "imu.csv")])
