@@ -55,6 +55,7 @@ pub mod setup_check;
 
 pub mod flight;
 pub mod team;
+pub mod wheel_steps;
 pub mod world;
 
 pub mod config;

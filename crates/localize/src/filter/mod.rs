@@ -21,13 +21,12 @@ use crate::frames::Pose;
 use crate::matching::{Match, Matrix5, PARAMETERS, PosePrior, UNINFORMATIVE_PRIOR};
 use crate::math;
 use crate::omni::{Twist, UNCORRECTED_MOTION};
+use crate::wheel_steps::OriginOffset;
 
 use curvature::CurvatureFilter;
 use decentralised::DecentralisedFilter;
 use joint::JointFilter;
-pub use joint::{
-    ERRORS_PER_MATE, MateInnovation, MateMeasurement, OdometryPrior, TurningPoint, WHEEL_CENTRE_STD,
-};
+pub use joint::{ERRORS_PER_MATE, MateInnovation, MateMeasurement, OdometryPrior};
 use pose_gaussian::{PoseMeasurement, PosePosterior};
 
 /// Estimate of pose and motion with its covariance.
@@ -118,10 +117,11 @@ impl PoseFilter {
         }
     }
 
-    /// The poses' origin about the point that the wheels turn about. None if the filter does not estimate it.
-    pub fn turning_point(&self) -> Option<TurningPoint> {
+    /// Where the poses' origin lies about the point that the wheels turn about. None before enough steps, and if the filter does not
+    /// measure it.
+    pub fn origin_offset(&self) -> Option<OriginOffset> {
         match self {
-            PoseFilter::Joint(joint) => Some(joint.turning_point()),
+            PoseFilter::Joint(joint) => joint.origin_offset(),
             PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => None,
         }
     }
@@ -171,6 +171,9 @@ impl PoseFilter {
 
     /// Begins a new wheel interval without an update.
     pub fn restart_wheels(&mut self) {
+        if let PoseFilter::Joint(joint) = self {
+            joint.interrupt_steps();
+        }
         either!(self, filter => filter.restart_wheels());
     }
 
@@ -370,7 +373,7 @@ impl PoseFilter {
         }
     }
 
-    /// What was seen of [`PoseFilter::turning_point`] is of an earlier map.
+    /// What was seen of [`PoseFilter::origin_offset`] is of an earlier map.
     pub fn forget_origin(&mut self) {
         if let PoseFilter::Joint(joint) = self {
             joint.forget_origin();

@@ -32,14 +32,6 @@ impl Localizer {
             MapBasis::new(terms, self.config.matching.viewpoint_height)
         });
         self.map_correction = Some(Box::new(MapCorrection::new(basis, config.clone())));
-        self.expect_origin_by_map();
-    }
-
-    /// Where the map may put the poses' origin from the point that the wheels turn about, in poses found from now on.
-    pub(super) fn expect_origin_by_map(&mut self) {
-        let map = self.map_correction.as_ref();
-        self.odometry_prior
-            .set_origin_std(map.map_or(0.0, |map| map.origin_std()));
     }
 
     /// Goes on with errors of the map that images told, after [`Localizer::set_map_basis`]. Without effect if they are of a map with other
@@ -49,7 +41,6 @@ impl Localizer {
             return;
         };
         self.map_origin_std = self.map_origin_std.max(fit.viewpoint_shift());
-        self.expect_origin_by_map();
         // A late image restarts from the snapshot.
         let snapshot = self.snapshot.as_mut().map(|snapshot| &mut snapshot.state);
         for state in [Some(&mut self.state), snapshot].into_iter().flatten() {
@@ -123,8 +114,8 @@ impl Localizer {
             map.restart(&image, distances, matching);
             return;
         }
-        if let Some(turning_point) = filter.turning_point() {
-            map.take_turning_point(&turning_point, matched.pose.theta);
+        if let Some(origin) = filter.origin_offset() {
+            map.take_origin(&origin, matched.pose.theta);
         }
         if let Some(shift) = map.observe(&image, distances, matching) {
             filter.shift_pose(shift);

@@ -280,7 +280,6 @@ impl Localizer {
     /// it may have follows from them. Holds for poses found from now on.
     pub fn set_wheels(&mut self, wheels: &OmniKinematics, calibration: Option<&[[f32; 3]; 3]>) {
         self.odometry_prior = OdometryPrior::of_wheels(&self.config.filter, wheels, calibration);
-        self.expect_origin_by_map();
     }
 
     /// True while several hypotheses explain the images, so that no single pose describes what is known.

@@ -5,12 +5,11 @@
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
-use super::certainty::REPETITION;
 use super::state::MapCorrection;
 use super::sums::{TermMatrix, TermVector};
 use super::term::TERMS_MAX;
-use crate::filter::TurningPoint;
 use crate::math;
+use crate::wheel_steps::OriginOffset;
 
 /// Squared distance of the origin from the turning point, in standard deviations, from which the given map is wrong (99.9 % of χ² with
 /// two degrees of freedom).
@@ -36,7 +35,7 @@ pub(super) struct OriginByWheels {
 
 impl OriginByWheels {
     /// Takes what the drive tells, at an image whose origin has this derivative by the unknowns, known to `covariance`.
-    fn update(&mut self, measured: &TurningPoint, by_term: OriginByTerm, covariance: &TermMatrix) {
+    fn update(&mut self, measured: &OriginOffset, by_term: OriginByTerm, covariance: &TermMatrix) {
         if self.by_term == OriginByTerm::zeros() {
             self.by_term = by_term;
         }
@@ -44,14 +43,9 @@ impl OriginByWheels {
         self.by_term += difference * RATE;
         let by_place = difference * covariance * difference.transpose();
         self.by_place += (by_place - self.by_place) * RATE;
-        self.at = measured.origin;
-        self.information = Matrix2::zeros();
-        // (I⁻¹ + V)⁻¹ = (1 + I V)⁻¹ I holds where nothing is known of a direction, too.
-        let information = measured.information / REPETITION;
-        let others = self.by_place + Matrix2::identity() * measured.centre_variance;
-        if let Some(inverse) = (Matrix2::identity() + information * others).try_inverse() {
-            self.information = inverse * information;
-        }
+        self.at = measured.at.map(f64::from);
+        let covariance = measured.covariance.map(f64::from) + self.by_place;
+        self.information = covariance.try_inverse().unwrap_or_else(Matrix2::zeros);
     }
 
     /// Does the origin lie beside the turning point beyond doubt?
@@ -71,8 +65,8 @@ impl OriginByWheels {
 }
 
 impl MapCorrection {
-    /// Takes the turning point at the present image, for the next [`MapCorrection::observe`].
-    pub fn take_turning_point(&mut self, measured: &TurningPoint, theta: f32) {
+    /// Takes where the origin of the poses lies at the present image, for the next [`MapCorrection::observe`].
+    pub fn take_origin(&mut self, measured: &OriginOffset, theta: f32) {
         let (sin, cos) = math::sin_cos(theta);
         let [sin, cos] = [sin, cos].map(f64::from);
         let robot_from_field = Matrix2::new(cos, sin, -sin, cos);
@@ -85,24 +79,5 @@ impl MapCorrection {
     pub(super) fn best_step(&self) -> TermVector {
         let step = self.coefficients - self.applied;
         step - self.claim.covariance * self.origin_by_wheels.gradient(&step)
-    }
-
-    /// How far may this map put the poses' origin from the robot's centre? Standard deviation per axis, metres.
-    pub fn origin_std(&self) -> f32 {
-        let prepared = self.basis.prepare([0.0; TERMS_MAX]);
-        let directions = (0..8).map(|k| math::sin_cos(std::f32::consts::TAU * k as f32 / 8.0));
-        let points: Vec<_> = directions
-            .flat_map(|(sin, cos)| [1.0, 2.0, 3.0, 4.0].map(|range| [range * cos, range * sin]))
-            .map(|at| prepared.displace(at).derivatives)
-            .collect();
-        let variance: f32 = (0..self.basis.terms().len())
-            .map(|k| {
-                let mean = |axis: usize| {
-                    points.iter().map(|point| point[k][axis]).sum::<f32>() / points.len() as f32
-                };
-                0.5 * self.claim.covariance[(k, k)] as f32 * (mean(0).powi(2) + mean(1).powi(2))
-            })
-            .sum();
-        variance.sqrt()
     }
 }

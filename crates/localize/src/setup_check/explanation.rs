@@ -10,6 +10,7 @@ use crate::map_correction::{DriveFit, MapBasis};
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
 use crate::math;
+use crate::wheel_steps::MeasuredStep;
 
 use super::chain::{KeyframeHypotheses, select_chain};
 use super::keyframe::Keyframe;
@@ -50,15 +51,6 @@ pub struct KeyframeFit {
     pub wheels_agree: Option<bool>,
     /// Does the compass agree with the heading?
     pub compass_agrees: Option<bool>,
-}
-
-/// One motion, measured twice: from one keyframe to the next, in the robot frame of the first.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MeasuredStep {
-    /// By the wheels.
-    pub wheels: Tf<RobotFrame, RobotFrame>,
-    /// Between the poses that the line points give.
-    pub poses: Tf<RobotFrame, RobotFrame>,
 }
 
 /// Exponent of the joint likelihood of a keyframe's points. Above that of a search: a wrong place bends to the points of one

@@ -6,7 +6,7 @@ use localize::setup_check::Explanation;
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 
 use super::measurements::MeasuredKeyframe;
-use super::wheel_fit::{STEP_STD, spread, weight};
+use localize::wheel_steps::{STEP_STD, spread, weight};
 
 /// Fewer steps tell no latency.
 const STEPS_MIN: usize = 12;

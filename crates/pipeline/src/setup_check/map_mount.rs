@@ -19,11 +19,11 @@ use super::effort::Effort;
 use super::measurements::{MeasuredKeyframe, measure};
 use super::origin_offset::OriginOffset;
 use super::variant::SetupVariant;
-use super::wheel_fit::angle_between;
 use super::{KEYFRAMES_MIN, assess};
 use crate::config::PipelineConfig;
 use crate::recording::Recording;
 use crate::setup::Setup;
+use localize::wheel_steps::angle_between;
 
 /// Passes of the fit of an angle: steps of a turned camera join with an error.
 const TURN_PASSES: usize = 3;

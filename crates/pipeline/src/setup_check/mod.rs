@@ -30,7 +30,6 @@ mod report;
 #[cfg(test)]
 mod tests;
 mod variant;
-mod wheel_fit;
 
 use std::path::Path;
 

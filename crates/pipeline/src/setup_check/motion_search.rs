@@ -11,7 +11,7 @@ use super::assess::{Improvement, Trial};
 use super::change::Change;
 use super::measurements::MeasuredKeyframe;
 use super::variant::SetupVariant;
-use super::wheel_fit::{angle_between, matrix_between, matrix_gain};
+use localize::wheel_steps::{angle_between, matrix_between, matrix_gain};
 
 /// A smaller turn of the camera is no mistake, radians.
 const TURN_MIN: f32 = 2.0 * std::f32::consts::PI / 180.0;

@@ -4,15 +4,14 @@
 //! the robot, but the wheels can, in turns (docs/methods.md 16.2).
 
 use localize::Field;
-use localize::filter::WHEEL_CENTRE_STD;
 use localize::math;
 use localize::setup_check::{Comparison, Explanation, FieldTables, compare, refine};
+use localize::wheel_steps;
 use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use super::assess::{Improvement, Trial};
 use super::change::Change;
 use super::variant::SetupVariant;
-use super::wheel_fit::offset_between;
 
 /// Standard deviations that an offset must have to be named.
 const OFFSET_SIGMAS: f32 = 3.0;
@@ -30,15 +29,15 @@ pub(super) struct OriginOffset {
     pub(super) at: Vector2<f32>,
     /// Square of its standard deviations: twice the log likelihood that it gains over none.
     squared_sigmas: f32,
-    /// Standard deviation along the less certain axis, that of right wheels included, metres.
+    /// Standard deviation along the less certain axis, that of the wheels' centre included, metres.
     pub(super) std: f32,
 }
 
 impl OriginOffset {
     /// Offset by the steps of an explanation. None for too few steps.
     pub(super) fn measure(explanation: &Explanation) -> Option<Self> {
-        let (at, covariance) = offset_between(&explanation.steps())?;
-        let covariance = covariance + Matrix2::identity() * WHEEL_CENTRE_STD.powi(2);
+        let wheel_steps::OriginOffset { at, covariance } =
+            wheel_steps::OriginOffset::measure(&explanation.steps())?;
         let squared_sigmas = (at.transpose() * covariance.try_inverse()? * at).x;
         let std = covariance.diagonal().max().sqrt();
         Some(OriginOffset {

@@ -8,7 +8,7 @@
 //! | `process_noise` | Q | 8.4 |
 //! | `wheel_update` | h, H, R of a wheel increment | 8.5 |
 //! | `odometry_correction` | matrix from measured to true motion | 8.5 |
-//! | `turning_point` | origin of the poses about the point that the wheels turn about | 8.5 |
+//! | `turning_point` | origin of the poses about the point that the wheels turn about | 2.13 |
 //! | `wheel_noise` | learned wheel noise | 8.8 |
 //! | `zero_velocity_update` | h, H, R at rest | 8.6 |
 //! | `pose_update` | H and gain of a matched image | 8.7 |
@@ -37,7 +37,6 @@ use nalgebra::Matrix3;
 
 use super::{FilterConfig, TiltEstimate};
 use crate::frames::{Pose, wrap_angle};
-use crate::math;
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
@@ -48,7 +47,7 @@ use state::{
     ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, POSE, ROW_STRIDE,
     STATES, State, TILT, TWIST, YAW_RATE,
 };
-pub use turning_point::{TurningPoint, WHEEL_CENTRE_STD};
+use turning_point::TurningPoint;
 use wheel_noise::WheelNoiseEstimate;
 
 /// Standard deviation of a new filter's twist: m/s, m/s, rad/s.
@@ -68,6 +67,7 @@ pub struct JointFilter {
     odometry_prior: OdometryPrior,
     wheel_noise: WheelNoiseEstimate,
     collision: CollisionDetector,
+    turning_point: TurningPoint,
     /// Errors of team-mates that corrected the pose lately.
     mate_errors: Option<Box<MateErrors>>,
 }
@@ -105,8 +105,11 @@ impl JointFilter {
         }
         odometry_correction::initialize(&mut state, &mut full, odometry_prior);
         let mut wheel_noise = WheelNoiseEstimate::new(config);
+        let mut turning_point = TurningPoint::default();
         if let Some(previous) = previous {
             wheel_noise = previous.wheel_noise.without_derivatives();
+            turning_point = previous.turning_point.clone();
+            turning_point.interrupt();
             for i in GYRO_BIAS..STATES {
                 state[i] = previous.state[i];
                 full[i][GYRO_BIAS..].copy_from_slice(&previous.covariance[i][GYRO_BIAS..]);
@@ -137,6 +140,7 @@ impl JointFilter {
             odometry_prior: odometry_prior.clone(),
             wheel_noise,
             collision: CollisionDetector::default(),
+            turning_point,
             mate_errors: None,
         }
     }
@@ -218,8 +222,7 @@ impl JointFilter {
     /// Moves pose (x, y, θ) and camera tilt (a, b) by what a step of the map means. The mount of the inertial unit takes the
     /// tilt's part.
     pub(super) fn shift_pose(&mut self, step: [f32; 5]) {
-        let (sin, cos) = math::sin_cos(self.state[POSE + 2]);
-        self.shift_origin([cos * step[0] + sin * step[1], cos * step[1] - sin * step[0]]);
+        self.shift_origin([step[0], step[1]]);
         for (value, step) in self.state[POSE..POSE + 3].iter_mut().zip(step) {
             *value += step;
         }
@@ -236,6 +239,7 @@ impl JointFilter {
         let mut turned = self.clone();
         // The mates located the pose in the other half.
         turned.mate_errors = None;
+        turned.interrupt_steps();
         turned.state[0] = -self.state[0];
         turned.state[1] = -self.state[1];
         turned.state[2] = wrap_angle(self.state[2] + std::f32::consts::PI);

@@ -16,7 +16,7 @@ pub(super) const fn entry(i: usize, j: usize) -> usize {
 }
 
 /// Distance of the wheels from the centre that relates errors of rotation to errors of translation, metres.
-pub(super) const BASE_RADIUS: f32 = 0.25;
+const BASE_RADIUS: f32 = 0.25;
 /// Scale of an entry: 1, m/rad or rad/m.
 fn entry_scale(i: usize, j: usize) -> f32 {
     match (i, j) {
@@ -32,8 +32,6 @@ fn entry_scale(i: usize, j: usize) -> f32 {
 #[derive(Debug, Clone, PartialEq)]
 pub struct OdometryPrior {
     covariance: [[f32; 9]; 9],
-    /// Variance of the poses' origin about the point that the wheels turn about, m² per axis: constant, unlike errors of wheels.
-    pub(super) origin_variance: f32,
 }
 
 /// What a known base leaves to errors of its mount (forward direction, centre, distance of the wheels), and what to
@@ -94,11 +92,6 @@ impl OdometryPrior {
         prior
     }
 
-    /// Sets how far a map may put the poses' origin from the point that the wheels turn about, metres per axis.
-    pub fn set_origin_std(&mut self, std: f32) {
-        self.origin_variance = std * std;
-    }
-
     /// Adds an error of this form and standard deviation.
     fn add(&mut self, error: &Matrix3<f32>, std: f32) {
         for k in 0..9 {
@@ -126,7 +119,6 @@ impl Default for OdometryPrior {
     fn default() -> Self {
         OdometryPrior {
             covariance: [[0.0; 9]; 9],
-            origin_variance: 0.0,
         }
     }
 }
@@ -149,9 +141,6 @@ pub(super) fn initialize(state: &mut State, covariance: &mut Covariance, prior: 
         }
     }
     prior.add_to(covariance, 1.0);
-    for k in [entry(0, 2), entry(1, 2)] {
-        covariance[k][k] += prior.origin_variance;
-    }
 }
 
 #[cfg(test)]

@@ -112,6 +112,7 @@ impl JointFilter {
         }
         let reduction = gain * (predicted - posterior.covariance) * gain.transpose();
         self.reduce_covariance(&reduction, posterior, config);
+        self.add_pose_step();
     }
 
     /// Learns the wheels' noise from an image (docs/methods.md 8.8).

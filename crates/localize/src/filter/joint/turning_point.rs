@@ -1,148 +1,208 @@
-//! About which point do the wheels turn? An origin of the poses beside it moves when the robot turns (docs/methods.md 8.5).
+//! About which point do the wheels turn? An origin of the poses beside it moves when the robot turns (docs/methods.md 2.13).
+//!
+//! Not a state of the filter: wheels that slip or are wrong would pass for an offset, and a robust fit to steps of a drive sees through them.
 
-use nalgebra::{Matrix2, Vector2};
+use std::collections::VecDeque;
 
 use super::JointFilter;
-use super::odometry_correction::{BASE_RADIUS, entry};
+use super::state::{POSE, WHEEL_INCREMENT};
+use crate::frames::{Pose, Tf, wrap_angle};
+use crate::math;
+use crate::wheel_steps::{MeasuredStep, OriginOffset};
 
-/// Standard deviation of the centre about which right wheels turn, metres.
-pub const WHEEL_CENTRE_STD: f32 = 0.01;
+/// A step ends after this way or turn, metres and radians. Longer ones add the wheels' errors, shorter ones the images'.
+const STEP_DISTANCE: f32 = 0.4;
+const STEP_TURN: f32 = 0.4;
+/// Most steps kept: half a minute of play.
+const STEPS_MAX: usize = 64;
 
-/// Where a turn moves the poses' origin: entries of the odometry's correction.
-const ALONG_X: usize = entry(0, 2);
-const ALONG_Y: usize = entry(1, 2);
-
-/// The poses' origin about the point that the wheels turn about.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TurningPoint {
-    /// In the robot frame, metres.
-    pub origin: Vector2<f64>,
-    /// What the drive told of it, 1/m². Zero where nothing was seen.
-    pub information: Matrix2<f64>,
-    /// Variance of the point itself about the robot's centre, per axis, m².
-    pub centre_variance: f64,
+/// Steps of a drive, and what they tell.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct TurningPoint {
+    /// Pose at the start of the present step, and the wheels' way since, field frame, metres.
+    present: Option<(Pose, [f32; 2])>,
+    steps: VecDeque<MeasuredStep>,
+    origin: Option<OriginOffset>,
 }
 
-impl JointFilter {
-    /// The origin about the turning point, as far as images and wheels tell it.
-    pub(in crate::filter) fn turning_point(&self) -> TurningPoint {
-        let p = |i: usize, j: usize| f64::from(self.covariance[i][j]);
-        let crossed = -p(ALONG_X, ALONG_Y);
-        let covariance = Matrix2::new(p(ALONG_Y, ALONG_Y), crossed, crossed, p(ALONG_X, ALONG_X));
-        let prior = f64::from(self.odometry_prior.origin_variance);
-        let gained = covariance.symmetric_eigen();
-        let information = gained
-            .eigenvalues
-            .map(|variance| (1.0 / variance.max(f64::EPSILON) - 1.0 / prior).max(0.0));
-        let axes = gained.eigenvectors;
-        TurningPoint {
-            origin: Vector2::new(self.state[ALONG_Y].into(), (-self.state[ALONG_X]).into()),
-            centre_variance: self.centre_variance().into(),
-            information: axes * Matrix2::from_diagonal(&information) * axes.transpose(),
+impl TurningPoint {
+    /// Begins a new step with the next image.
+    pub(super) fn interrupt(&mut self) {
+        self.present = None;
+    }
+
+    /// Adds a motion of the wheels, robot frame, at a heading.
+    fn add_wheels(&mut self, heading: f32, [x, y]: [f32; 2]) {
+        let (sin, cos) = math::sin_cos(heading);
+        if let Some((_, way)) = &mut self.present {
+            way[0] += cos * x - sin * y;
+            way[1] += sin * x + cos * y;
         }
     }
 
-    /// Wheels that couple motions otherwise, as those of different radii do, turn about another point, too.
-    fn centre_variance(&self) -> f32 {
-        let correction = |i, j| self.state[entry(i, j)];
-        let couplings = [
-            0.5 * (correction(0, 0) - correction(1, 1)),
-            0.5 * (correction(0, 1) + correction(1, 0)),
-            BASE_RADIUS * correction(2, 0),
-            BASE_RADIUS * correction(2, 1),
-        ];
-        let squares: f32 = couplings.iter().map(|value| value * value).sum();
-        WHEEL_CENTRE_STD.powi(2) + BASE_RADIUS.powi(2) * squares
+    /// Adds the pose of an image. `since`: way since the last motion of the wheels, field frame.
+    fn add_pose(&mut self, pose: Pose, since: [f32; 2]) {
+        let Some((start, way)) = self.present else {
+            // The present motion of the wheels began before.
+            self.present = Some((pose, since.map(|value| -value)));
+            return;
+        };
+        let way = [way[0] + since[0], way[1] + since[1]];
+        let turn = wrap_angle(pose.theta - start.theta);
+        if math::hypot(way[0], way[1]) < STEP_DISTANCE && turn.abs() < STEP_TURN {
+            return;
+        }
+        let (sin, cos) = math::sin_cos(start.theta);
+        let from_start = |[x, y]: [f32; 2]| Tf::new(cos * x + sin * y, cos * y - sin * x, turn);
+        if self.steps.len() == STEPS_MAX {
+            self.steps.pop_front();
+        }
+        self.steps.push_back(MeasuredStep {
+            wheels: from_start(way),
+            poses: from_start([pose.x - start.x, pose.y - start.y]),
+        });
+        self.origin = OriginOffset::measure(self.steps.make_contiguous());
+        self.present = Some((pose, since.map(|value| -value)));
+    }
+
+    /// The map moved the origin by this in the robot frame, metres: earlier steps were seen from another one.
+    fn shift(&mut self, [x, y]: [f32; 2]) {
+        let turned = |angle: f32| {
+            let (sin, cos) = math::sin_cos(angle);
+            [cos * x - sin * y, sin * x + cos * y]
+        };
+        for step in &mut self.steps {
+            let [end_x, end_y] = turned(step.poses.theta);
+            step.poses.x += end_x - x;
+            step.poses.y += end_y - y;
+        }
+        if let Some((start, _)) = &mut self.present {
+            let [x, y] = turned(start.theta);
+            start.x += x;
+            start.y += y;
+        }
+        if let Some(origin) = &mut self.origin {
+            origin.at.x += x;
+            origin.at.y += y;
+        }
+    }
+}
+
+impl JointFilter {
+    /// Where the poses' origin lies about the point that the wheels turn about. None before enough steps.
+    pub(in crate::filter) fn origin_offset(&self) -> Option<OriginOffset> {
+        self.turning_point.origin
+    }
+
+    /// A wheel sample ends the present increment.
+    pub(super) fn add_wheel_step(&mut self, measured: [f32; 3]) {
+        let middle = self.state[POSE + 2] - 0.5 * self.state[WHEEL_INCREMENT + 2];
+        self.turning_point
+            .add_wheels(middle, [measured[0], measured[1]]);
+    }
+
+    /// The present pose is that of an image.
+    pub(super) fn add_pose_step(&mut self) {
+        let heading = self.state[POSE + 2] - self.state[WHEEL_INCREMENT + 2];
+        let (sin, cos) = math::sin_cos(heading);
+        let [x, y] = [0, 1].map(|k| self.state[WHEEL_INCREMENT + k]);
+        self.turning_point
+            .add_pose(self.pose(), [cos * x - sin * y, sin * x + cos * y]);
+    }
+
+    /// The map moved the poses by this on the field, metres.
+    pub(super) fn shift_origin(&mut self, [x, y]: [f32; 2]) {
+        let (sin, cos) = math::sin_cos(self.state[POSE + 2]);
+        self.turning_point
+            .shift([cos * x + sin * y, cos * y - sin * x]);
     }
 
     /// What was seen of the origin is of an earlier map.
     pub(in crate::filter) fn forget_origin(&mut self) {
-        for k in [ALONG_X, ALONG_Y] {
-            self.covariance[k][k] += self.odometry_prior.origin_variance;
-        }
+        self.turning_point = TurningPoint::default();
     }
 
-    /// The map moved the poses' origin by this in the robot frame, metres.
-    pub(in crate::filter) fn shift_origin(&mut self, by: [f32; 2]) {
-        self.state[ALONG_Y] += by[0];
-        self.state[ALONG_X] -= by[1];
+    /// No step leads over the present time: the wheels were interrupted, or the pose is another one.
+    pub(in crate::filter) fn interrupt_steps(&mut self) {
+        self.turning_point.interrupt();
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Matrix3, Vector3};
+    use nalgebra::{Matrix3, Vector2, Vector3};
 
     use crate::filter::{
         FilterConfig, FilterKind, OdometryPrior, PoseFilter, PredictionInput, WheelIncrement,
     };
     use crate::frames::Pose;
+    use crate::math;
 
     const DT: f32 = 0.02;
     const ORIGIN: [f32; 2] = [0.08, -0.05];
 
-    /// Drives with a yaw rate, and sees poses whose origin lies beside the wheels' centre. Right wheels, no inertial unit.
-    fn drive(yaw_rate: f32) -> PoseFilter {
+    /// Drives with a yaw rate, and sees poses whose origin lies beside the wheels' centre. No inertial unit. Wheels measure
+    /// `wrong` times the motion in every fifth second.
+    fn drive(yaw_rate: f32, wrong: f32) -> PoseFilter {
         let config = FilterConfig::default();
         assert_eq!(config.kind, FilterKind::Joint);
-        let mut prior = OdometryPrior::of_any_base(&config);
-        prior.set_origin_std(0.1);
-        let seen = |x: f32, theta: f32| {
-            let (sin, cos) = theta.sin_cos();
+        let prior = OdometryPrior::of_any_base(&config);
+        let seen = |[x, y]: [f32; 2], theta: f32| {
+            let (sin, cos) = math::sin_cos(theta);
             let [a, b] = ORIGIN;
-            Pose::new(x + cos * a - sin * b, sin * a + cos * b, theta)
+            Pose::new(x + cos * a - sin * b, y + sin * a + cos * b, theta)
         };
         let covariance = Matrix3::from_diagonal(&Vector3::new(1e-5, 1e-5, 1e-5));
-        let mut filter = PoseFilter::new(seen(0.0, 0.0), &covariance, None, &config, &prior);
-        let (mut x, mut theta) = (0.0, 0.0_f32);
-        for step in 0..500 {
-            let (sin, cos) = (theta + 0.5 * yaw_rate * DT).sin_cos();
+        let mut filter = PoseFilter::new(seen([0.0; 2], 0.0), &covariance, None, &config, &prior);
+        let (mut at, mut theta) = ([0.0; 2], 0.0_f32);
+        for step in 0..1000 {
+            let direction = 0.7 * step as f32 * DT;
+            let velocity = [math::cos(direction), math::sin(direction)];
+            let (sin, cos) = math::sin_cos(theta + 0.5 * yaw_rate * DT);
             let input = PredictionInput {
                 dt: DT,
                 ..PredictionInput::default()
             };
             filter.predict(&input, &config);
-            // 1 m/s along the field's x axis.
+            let scale = if step / 50 % 5 == 4 { wrong } else { 1.0 };
+            let [x, y] = velocity.map(|value| value * DT * scale);
             let increment = WheelIncrement {
-                motion: [cos * DT, -sin * DT, yaw_rate * DT],
+                motion: [cos * x + sin * y, cos * y - sin * x, yaw_rate * DT],
                 dt: DT,
                 slip: 0.0,
                 imu_active: false,
             };
             filter.update_wheels(&increment, &config);
-            x += DT;
+            at = [at[0] + velocity[0] * DT, at[1] + velocity[1] * DT];
             theta += yaw_rate * DT;
             if step % 2 == 0 {
-                filter.update_pose(seen(x, theta), &covariance, &config);
+                filter.update_pose(seen(at, theta), &covariance, &config);
             }
         }
         filter
     }
 
     #[test]
-    fn turns_tell_the_origin_of_the_poses_and_straight_drives_do_not() {
-        let turned = drive(1.5).turning_point().expect("a joint filter");
-        let [x, y] = ORIGIN.map(f64::from);
-        assert!((turned.origin.x - x).abs() < 0.01, "{turned:?}");
-        assert!((turned.origin.y - y).abs() < 0.01, "{turned:?}");
-        assert!(
-            turned.information.trace() > 2.0 / 0.02_f64.powi(2),
-            "{turned:?}"
-        );
-        let straight = drive(0.0).turning_point().expect("a joint filter");
-        assert!(straight.information.trace() < 1.0, "{straight:?}");
+    fn turns_tell_the_origin_of_the_poses_even_if_wheels_slip() {
+        for wrong in [1.0, 1.5] {
+            let found = drive(1.5, wrong).origin_offset().expect("enough steps");
+            let error = found.at - Vector2::from(ORIGIN);
+            assert!(error.norm() < 0.02, "{wrong}: {found:?}");
+            assert!(found.covariance.trace().sqrt() < 0.04, "{wrong}: {found:?}");
+        }
+        let straight = drive(0.0, 1.0).origin_offset().expect("enough steps");
+        assert!(straight.covariance.trace().sqrt() > 0.3, "{straight:?}");
     }
 
     #[test]
     fn step_of_the_map_moves_the_origin_in_the_robot_frame() {
-        let mut filter = drive(1.5);
-        let before = filter.turning_point().expect("a joint filter").origin;
-        let theta = filter.pose().theta;
-        filter.shift_pose([0.03 * theta.cos(), 0.03 * theta.sin(), 0.0, 0.0, 0.0]);
-        let after = filter.turning_point().expect("a joint filter").origin;
-        assert!((after - before - nalgebra::Vector2::new(0.03, 0.0)).norm() < 1e-5);
+        let mut filter = drive(1.5, 1.0);
+        let before = filter.origin_offset().expect("enough steps").at;
+        let (sin, cos) = math::sin_cos(filter.pose().theta);
+        filter.shift_pose([0.03 * cos, 0.03 * sin, 0.0, 0.0, 0.0]);
+        let after = filter.origin_offset().expect("enough steps").at;
+        assert!((after - before - Vector2::new(0.03, 0.0)).norm() < 1e-5);
         filter.forget_origin();
-        let forgotten = filter.turning_point().expect("a joint filter");
-        assert!(forgotten.information.trace() < 1.0, "{forgotten:?}");
+        assert!(filter.origin_offset().is_none());
     }
 }

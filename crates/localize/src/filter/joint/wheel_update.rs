@@ -43,8 +43,11 @@ impl JointFilter {
         let measured = increment.motion.map(|value| share * value);
         let mismatch = self.wheel_mismatch(measured);
         if !increment.imu_active || self.collision.accepts_wheels(&mismatch, &config.collision) {
+            self.add_wheel_step(measured);
             self.update_increment(measured, share * increment.slip, config);
             self.clamp_scales();
+        } else {
+            self.interrupt_steps();
         }
         self.restart_wheels();
     }

@@ -1,15 +1,16 @@
-//! By which angle, offset and matrix do the wheels differ from the poses? Robust fits to the steps between keyframes.
+//! By which angle, offset and matrix do the wheels differ from the poses? Robust fits to steps of a drive (docs/methods.md 16.2).
 
-use localize::math;
-use localize::setup_check::MeasuredStep;
 use nalgebra::{Matrix2, Matrix3, Matrix6, RowVector6, Vector2, Vector3, Vector6};
+
+use crate::frames::{RobotFrame, Tf, wrap_angle};
+use crate::math;
 
 /// Shorter steps say little about a direction, metres.
 const STEP_MIN: f32 = 0.1;
 /// Fewer steps fit anything.
 const STEPS_MIN: usize = 6;
 /// Expected errors of a step between two poses: metres, radians.
-pub(super) const STEP_STD: (f32, f32) = (0.03, 0.04);
+pub const STEP_STD: (f32, f32) = (0.03, 0.04);
 /// Standard deviation of what right wheels may have: the share by which they measure one direction longer than another.
 const UNEVEN_STD: f32 = 0.04;
 /// Standard deviation of the offset of an origin of which nothing is known, metres.
@@ -23,11 +24,34 @@ const SAME_DIRECTION: f32 = 0.2;
 /// Passes of the reweighted fit.
 const PASSES: usize = 8;
 
+/// Standard deviation of the centre about which right wheels turn, metres.
+const CENTRE_STD: f32 = 0.01;
+/// Distance of the wheels from the centre, metres: what uneven wheels move it by.
+const BASE_RADIUS: f32 = 0.25;
+
+/// One motion, measured twice, in the robot frame at its start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeasuredStep {
+    /// By the wheels.
+    pub wheels: Tf<RobotFrame, RobotFrame>,
+    /// Between the poses that the line points give.
+    pub poses: Tf<RobotFrame, RobotFrame>,
+}
+
+/// The poses' origin in the frame of the wheels, as a drive tells it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OriginOffset {
+    /// From the point about which the wheels turn, robot frame, metres.
+    pub at: Vector2<f32>,
+    /// Covariance, m², with that of the wheels' own centre.
+    pub covariance: Matrix2<f32>,
+}
+
 /// Angle from the wheels' steps to those of the poses, radians, with its standard deviation.
 ///
 /// Unevenly long directions and an offset of the centre are fitted along with it: they turn single steps, and make the angle
 /// uncertain where the robot has driven in one direction only. None for too few steps that agree on an angle.
-pub(super) fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
+pub fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
     let (fitted, covariance) = fit_steps(steps)?;
     let scale = math::hypot(fitted[0], fitted[1]);
     let across = Vector6::new(-fitted[1], fitted[0], 0.0, 0.0, 0.0, 0.0) / (scale * scale);
@@ -35,15 +59,18 @@ pub(super) fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
     (scale > 0.3).then(|| (math::atan2(fitted[1], fitted[0]), std))
 }
 
-/// Where the origin of the poses lies in the frame of the wheels, metres, with its covariance. None for too few steps that
-/// agree on an angle.
-pub(super) fn offset_between(steps: &[MeasuredStep]) -> Option<(Vector2<f32>, Matrix2<f32>)> {
-    let (fitted, covariance) = fit_steps(steps)?;
-    let (offset, covariance) = (
-        fitted.fixed_rows::<2>(4).into_owned(),
-        covariance.fixed_view::<2, 2>(4, 4).into_owned(),
-    );
-    Some((offset, covariance))
+impl OriginOffset {
+    /// Offset by steps of a drive. None for too few steps that agree on an angle.
+    pub fn measure(steps: &[MeasuredStep]) -> Option<Self> {
+        let (fitted, covariance) = fit_steps(steps)?;
+        // Wheels that measure one direction longer than another turn about another point, too.
+        let uneven = BASE_RADIUS * math::hypot(fitted[2], fitted[3]);
+        let of_centre = CENTRE_STD * CENTRE_STD + uneven * uneven;
+        Some(OriginOffset {
+            at: fitted.fixed_rows::<2>(4).into_owned(),
+            covariance: covariance.fixed_view::<2, 2>(4, 4) + Matrix2::identity() * of_centre,
+        })
+    }
 }
 
 /// Rotation and scale of the wheels' steps (two numbers, as of a complex factor), their unevenness (two), and the offset of the
@@ -69,8 +96,7 @@ fn fit_steps(steps: &[MeasuredStep]) -> Option<(Vector6<f32>, Matrix6<f32>)> {
     }
     let near = |one: f32| {
         let others = angles.iter();
-        let same = others
-            .filter(|other| localize::frames::wrap_angle(*other - one).abs() < SAME_DIRECTION);
+        let same = others.filter(|other| wrap_angle(*other - one).abs() < SAME_DIRECTION);
         same.count()
     };
     let (start, agreeing) = angles
@@ -99,7 +125,10 @@ fn fit_steps(steps: &[MeasuredStep]) -> Option<(Vector6<f32>, Matrix6<f32>)> {
                 math::hypot((row_x * fitted).x - x, (row_y * fitted).x - y)
             })
             .collect();
-        let std = spread(&errors).max(STEP_STD.0);
+        // Six fitted numbers make few steps look better than they are.
+        let coordinates = 2.0 * steps.len() as f32;
+        let freedom = coordinates / (coordinates - 6.0);
+        let std = (spread(&errors) * freedom.sqrt()).max(STEP_STD.0);
         let mut information = Matrix6::from_diagonal(&prior);
         let mut vector = Vector6::zeros();
         for ((wheels, target), error) in steps.iter().zip(&errors) {
@@ -116,7 +145,7 @@ fn fit_steps(steps: &[MeasuredStep]) -> Option<(Vector6<f32>, Matrix6<f32>)> {
 }
 
 /// The matrix by which the wheels' motion (metres, metres, radians) becomes that of the poses. None for too few steps.
-pub(super) fn matrix_between(steps: &[MeasuredStep]) -> Option<Matrix3<f32>> {
+pub fn matrix_between(steps: &[MeasuredStep]) -> Option<Matrix3<f32>> {
     if steps.len() < STEPS_MIN {
         return None;
     }
@@ -138,7 +167,7 @@ pub(super) fn matrix_between(steps: &[MeasuredStep]) -> Option<Matrix3<f32>> {
 }
 
 /// Log likelihood that a matrix gains at the steps, whose spread is estimated with it and without it.
-pub(super) fn matrix_gain(steps: &[MeasuredStep], matrix: &Matrix3<f32>) -> f32 {
+pub fn matrix_gain(steps: &[MeasuredStep], matrix: &Matrix3<f32>) -> f32 {
     let pairs = motions(steps);
     let [before, after] = [Matrix3::identity(), *matrix]
         .map(|matrix| spread(&matrix_errors(&pairs, &matrix)).max(SPREAD_MIN));
@@ -169,7 +198,7 @@ fn matrix_errors(pairs: &[(Vector3<f32>, Vector3<f32>)], matrix: &Matrix3<f32>) 
 }
 
 /// Standard deviation of errors by their median, so that outliers do not count.
-pub(super) fn spread(errors: &[f32]) -> f32 {
+pub fn spread(errors: &[f32]) -> f32 {
     let mut sorted = errors.to_vec();
     sorted.sort_by(f32::total_cmp);
     sorted
@@ -178,14 +207,12 @@ pub(super) fn spread(errors: &[f32]) -> f32 {
 }
 
 /// Weight of an error in standard deviations: an outlier has next to none.
-pub(super) fn weight(deviation: f32) -> f32 {
+pub fn weight(deviation: f32) -> f32 {
     (1.0 + (deviation / 2.0).powi(2)).powi(-2)
 }
 
 #[cfg(test)]
 mod tests {
-    use localize::frames::Tf;
-
     use super::*;
 
     /// Steps in many directions of wheels that measure `matrix`⁻¹ of the motion and of poses turned by `angle`, with noise;
@@ -253,11 +280,11 @@ mod tests {
                 poses: origin.inverse() * step.poses * origin,
                 ..step
             });
-            let (found, covariance) =
-                offset_between(&moved.collect::<Vec<_>>()).expect("an offset");
-            let error = found - Vector2::from(offset);
-            assert!(error.norm() < 0.02, "{offset:?}: {found}");
-            assert!(covariance.trace().sqrt() < 0.04, "{covariance}");
+            let found = OriginOffset::measure(&moved.collect::<Vec<_>>()).expect("an offset");
+            let error = found.at - Vector2::from(offset);
+            assert!(error.norm() < 0.02, "{offset:?}: {found:?}");
+            // Half of it is that of the centre about which uneven wheels turn.
+            assert!(found.covariance.trace().sqrt() < 0.06, "{found:?}");
         }
     }
 
@@ -269,8 +296,8 @@ mod tests {
                 poses: Tf::new(0.4, 0.016, 0.0),
             })
             .collect();
-        let (_, covariance) = offset_between(&straight).expect("an offset");
-        assert!(covariance.trace().sqrt() > 0.5, "{covariance}");
+        let found = OriginOffset::measure(&straight).expect("an offset");
+        assert!(found.covariance.trace().sqrt() > 0.5, "{found:?}");
     }
 
     #[test]
