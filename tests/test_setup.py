@@ -494,7 +494,11 @@ mirror_offset = [-0.00047, -0.00174]
 [path]
 speed = 1.2
 turn_rate_deg = 50.0
-waypoints = [{{ x = -4.0, y = 3.0, theta_deg = -120.0 }}, {{ x = 0.0, y = -4.0, theta_deg = 30.0 }}, {{ x = 5.0, y = 2.0, theta_deg = 170.0 }}]
+waypoints = [
+  {{ x = -4.0, y = 3.0, theta_deg = -120.0 }},
+  {{ x = 0.0, y = -4.0, theta_deg = 30.0 }},
+  {{ x = 5.0, y = 2.0, theta_deg = 170.0 }},
+]
 [wheels]
 radius_scale = [1.01, 1.0, 0.98]
 """
