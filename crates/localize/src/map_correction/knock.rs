@@ -1,9 +1,9 @@
 //! Did something hit the camera? A large knock shows in one image, a small one in many (`block`).
 
 use super::block::Block;
+use super::origin_by_wheels::OriginByWheels;
 use super::state::{MapCorrection, TrackedImage};
 use super::sums::{PoseByTerm, TermMatrix};
-use super::turning_point::OriginByWheels;
 use crate::frames::Pose;
 use crate::matching::MatchConfig;
 use crate::matching::distance_field::DistanceField;

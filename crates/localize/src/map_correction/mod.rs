@@ -19,6 +19,7 @@ mod map_fit;
 mod mirror;
 mod mount_search;
 mod mount_trial;
+mod origin_by_wheels;
 mod points;
 mod posterior;
 mod refit;

@@ -8,7 +8,7 @@
 //! | `process_noise` | Q | 8.4 |
 //! | `wheel_update` | h, H, R of a wheel increment | 8.5 |
 //! | `odometry_correction` | matrix from measured to true motion | 8.5 |
-//! | `turning_point` | origin of the poses about the point that the wheels turn about | 2.13 |
+//! | `turning_steps`, `turning_point` | origin of the poses about the point that the wheels turn about | 2.13 |
 //! | `wheel_noise` | learned wheel noise | 8.8 |
 //! | `zero_velocity_update` | h, H, R at rest | 8.6 |
 //! | `pose_update` | H and gain of a matched image | 8.7 |
@@ -29,6 +29,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 mod turning_point;
+mod turning_steps;
 mod wheel_noise;
 mod wheel_update;
 mod zero_velocity_update;
@@ -47,7 +48,7 @@ use state::{
     ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, POSE, ROW_STRIDE,
     STATES, State, TILT, TWIST, YAW_RATE,
 };
-use turning_point::TurningPoint;
+use turning_steps::TurningSteps;
 use wheel_noise::WheelNoiseEstimate;
 
 /// Standard deviation of a new filter's twist: m/s, m/s, rad/s.
@@ -67,7 +68,7 @@ pub struct JointFilter {
     odometry_prior: OdometryPrior,
     wheel_noise: WheelNoiseEstimate,
     collision: CollisionDetector,
-    turning_point: TurningPoint,
+    turning_steps: TurningSteps,
     /// Errors of team-mates that corrected the pose lately.
     mate_errors: Option<Box<MateErrors>>,
 }
@@ -105,11 +106,11 @@ impl JointFilter {
         }
         odometry_correction::initialize(&mut state, &mut full, odometry_prior);
         let mut wheel_noise = WheelNoiseEstimate::new(config);
-        let mut turning_point = TurningPoint::default();
+        let mut turning_steps = TurningSteps::default();
         if let Some(previous) = previous {
             wheel_noise = previous.wheel_noise.without_derivatives();
-            turning_point = previous.turning_point.clone();
-            turning_point.interrupt();
+            turning_steps = previous.turning_steps.clone();
+            turning_steps.interrupt();
             for i in GYRO_BIAS..STATES {
                 state[i] = previous.state[i];
                 full[i][GYRO_BIAS..].copy_from_slice(&previous.covariance[i][GYRO_BIAS..]);
@@ -140,7 +141,7 @@ impl JointFilter {
             odometry_prior: odometry_prior.clone(),
             wheel_noise,
             collision: CollisionDetector::default(),
-            turning_point,
+            turning_steps,
             mate_errors: None,
         }
     }

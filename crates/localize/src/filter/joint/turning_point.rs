@@ -1,103 +1,21 @@
 //! About which point do the wheels turn? An origin of the poses beside it moves when the robot turns (docs/methods.md 2.13).
-//!
-//! Not a state of the filter: wheels that slip or are wrong would pass for an offset, and a robust fit to steps of a drive sees through them.
-
-use std::collections::VecDeque;
 
 use super::JointFilter;
 use super::state::{POSE, WHEEL_INCREMENT};
-use crate::frames::{Pose, Tf, wrap_angle};
+use super::turning_steps::TurningSteps;
 use crate::math;
-use crate::wheel_steps::{MeasuredStep, OriginOffset};
-
-/// A step ends after this way or turn, metres and radians. Longer ones add the wheels' errors, shorter ones the images'.
-const STEP_DISTANCE: f32 = 0.4;
-const STEP_TURN: f32 = 0.4;
-/// Most steps kept: half a minute of play.
-const STEPS_MAX: usize = 64;
-
-/// Steps of a drive, and what they tell.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct TurningPoint {
-    /// Pose at the start of the present step, and the wheels' way since, field frame, metres.
-    present: Option<(Pose, [f32; 2])>,
-    steps: VecDeque<MeasuredStep>,
-    origin: Option<OriginOffset>,
-}
-
-impl TurningPoint {
-    /// Begins a new step with the next image.
-    pub(super) fn interrupt(&mut self) {
-        self.present = None;
-    }
-
-    /// Adds a motion of the wheels, robot frame, at a heading.
-    fn add_wheels(&mut self, heading: f32, [x, y]: [f32; 2]) {
-        let (sin, cos) = math::sin_cos(heading);
-        if let Some((_, way)) = &mut self.present {
-            way[0] += cos * x - sin * y;
-            way[1] += sin * x + cos * y;
-        }
-    }
-
-    /// Adds the pose of an image. `since`: way since the last motion of the wheels, field frame.
-    fn add_pose(&mut self, pose: Pose, since: [f32; 2]) {
-        let Some((start, way)) = self.present else {
-            // The present motion of the wheels began before.
-            self.present = Some((pose, since.map(|value| -value)));
-            return;
-        };
-        let way = [way[0] + since[0], way[1] + since[1]];
-        let turn = wrap_angle(pose.theta - start.theta);
-        if math::hypot(way[0], way[1]) < STEP_DISTANCE && turn.abs() < STEP_TURN {
-            return;
-        }
-        let (sin, cos) = math::sin_cos(start.theta);
-        let from_start = |[x, y]: [f32; 2]| Tf::new(cos * x + sin * y, cos * y - sin * x, turn);
-        if self.steps.len() == STEPS_MAX {
-            self.steps.pop_front();
-        }
-        self.steps.push_back(MeasuredStep {
-            wheels: from_start(way),
-            poses: from_start([pose.x - start.x, pose.y - start.y]),
-        });
-        self.origin = OriginOffset::measure(self.steps.make_contiguous());
-        self.present = Some((pose, since.map(|value| -value)));
-    }
-
-    /// The map moved the origin by this in the robot frame, metres: earlier steps were seen from another one.
-    fn shift(&mut self, [x, y]: [f32; 2]) {
-        let turned = |angle: f32| {
-            let (sin, cos) = math::sin_cos(angle);
-            [cos * x - sin * y, sin * x + cos * y]
-        };
-        for step in &mut self.steps {
-            let [end_x, end_y] = turned(step.poses.theta);
-            step.poses.x += end_x - x;
-            step.poses.y += end_y - y;
-        }
-        if let Some((start, _)) = &mut self.present {
-            let [x, y] = turned(start.theta);
-            start.x += x;
-            start.y += y;
-        }
-        if let Some(origin) = &mut self.origin {
-            origin.at.x += x;
-            origin.at.y += y;
-        }
-    }
-}
+use crate::wheel_steps::OriginOffset;
 
 impl JointFilter {
     /// Where the poses' origin lies about the point that the wheels turn about. None before enough steps.
     pub(in crate::filter) fn origin_offset(&self) -> Option<OriginOffset> {
-        self.turning_point.origin
+        self.turning_steps.origin()
     }
 
     /// A wheel sample ends the present increment.
     pub(super) fn add_wheel_step(&mut self, measured: [f32; 3]) {
         let middle = self.state[POSE + 2] - 0.5 * self.state[WHEEL_INCREMENT + 2];
-        self.turning_point
+        self.turning_steps
             .add_wheels(middle, [measured[0], measured[1]]);
     }
 
@@ -106,25 +24,25 @@ impl JointFilter {
         let heading = self.state[POSE + 2] - self.state[WHEEL_INCREMENT + 2];
         let (sin, cos) = math::sin_cos(heading);
         let [x, y] = [0, 1].map(|k| self.state[WHEEL_INCREMENT + k]);
-        self.turning_point
+        self.turning_steps
             .add_pose(self.pose(), [cos * x - sin * y, sin * x + cos * y]);
     }
 
     /// The map moved the poses by this on the field, metres.
     pub(super) fn shift_origin(&mut self, [x, y]: [f32; 2]) {
         let (sin, cos) = math::sin_cos(self.state[POSE + 2]);
-        self.turning_point
+        self.turning_steps
             .shift([cos * x + sin * y, cos * y - sin * x]);
     }
 
     /// What was seen of the origin is of an earlier map.
     pub(in crate::filter) fn forget_origin(&mut self) {
-        self.turning_point = TurningPoint::default();
+        self.turning_steps = TurningSteps::default();
     }
 
     /// No step leads over the present time: the wheels were interrupted, or the pose is another one.
     pub(in crate::filter) fn interrupt_steps(&mut self) {
-        self.turning_point.interrupt();
+        self.turning_steps.interrupt();
     }
 }
 
