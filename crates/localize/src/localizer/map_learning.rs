@@ -114,9 +114,7 @@ impl Localizer {
             map.restart(&image, distances, matching);
             return;
         }
-        if let Some(origin) = filter.origin_offset() {
-            map.take_origin(&origin, matched.pose.theta);
-        }
+        map.take_origin(filter.origin_offset().as_ref(), matched.pose.theta);
         if let Some(shift) = map.observe(&image, distances, matching) {
             filter.shift_pose(shift);
         }

@@ -103,6 +103,7 @@ impl MapCorrection {
         }
         let step = self.best_step();
         self.applied += step;
+        self.origin_by_wheels.shift(&step);
         self.update_variances();
         Some(step)
     }

@@ -51,6 +51,16 @@ impl OriginByWheels {
         self.information = covariance.try_inverse().unwrap_or_else(Matrix2::zeros);
     }
 
+    /// The map in use took a step.
+    pub(super) fn shift(&mut self, step: &TermVector) {
+        self.at += self.by_term * step;
+    }
+
+    /// The wheels do not tell the origin any more.
+    pub(super) fn forget(&mut self) {
+        self.information = Matrix2::zeros();
+    }
+
     /// Does the origin lie beside the turning point beyond doubt?
     pub(super) fn is_contradicted(&self) -> bool {
         self.at.dot(&(self.information * self.at)) > WRONG_ORIGIN_CHI_SQUARED

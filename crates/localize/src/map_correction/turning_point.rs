@@ -8,8 +8,13 @@ use crate::math;
 use crate::wheel_steps::OriginOffset;
 
 impl MapCorrection {
-    /// Takes where the origin of the poses lies at the present image, for the next [`MapCorrection::observe`].
-    pub fn take_origin(&mut self, measured: &OriginOffset, theta: f32) {
+    /// Takes where the origin of the poses lies at the present image, for the next [`MapCorrection::observe`]. None: the wheels do
+    /// not tell.
+    pub fn take_origin(&mut self, measured: Option<&OriginOffset>, theta: f32) {
+        let Some(measured) = measured else {
+            self.origin_by_wheels.forget();
+            return;
+        };
         let (sin, cos) = math::sin_cos(theta);
         let [sin, cos] = [sin, cos].map(f64::from);
         let robot_from_field = Matrix2::new(cos, sin, -sin, cos);
