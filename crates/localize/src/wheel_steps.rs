@@ -19,6 +19,9 @@ const OFFSET_STD: f32 = 0.5;
 const MATRIX_STD: f32 = 0.3;
 /// Smallest spread of steps: that of poses on a perfect map, shares of the expected errors.
 const SPREAD_MIN: f32 = 0.2;
+/// Standard deviations of the factor from the wheels' motion to that of the poses: where nothing is known, and of wheels in order.
+const UNKNOWN_ANGLE_STD: f32 = 10.0;
+const KNOWN_ANGLE_STD: f32 = 0.2;
 /// Directions that count as the same one, radians.
 const SAME_DIRECTION: f32 = 0.2;
 /// Passes of the reweighted fit.
@@ -52,7 +55,8 @@ pub struct OriginOffset {
 /// Unevenly long directions and an offset of the centre are fitted along with it: they turn single steps, and make the angle
 /// uncertain where the robot has driven in one direction only. None for too few steps that agree on an angle.
 pub fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
-    let (fitted, covariance) = fit_steps(steps)?;
+    let angle = common_angle(&angles(steps))?;
+    let (fitted, covariance) = fit_steps(steps, angle, UNKNOWN_ANGLE_STD)?;
     let scale = math::hypot(fitted[0], fitted[1]);
     let across = Vector6::new(-fitted[1], fitted[0], 0.0, 0.0, 0.0, 0.0) / (scale * scale);
     let std = (across.transpose() * covariance * across).x.sqrt();
@@ -60,9 +64,21 @@ pub fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
 }
 
 impl OriginOffset {
-    /// Offset by steps of a drive. None for too few steps that agree on an angle.
+    /// Offset by steps of a drive. None for too few steps that agree on an angle or turn in place.
     pub fn measure(steps: &[MeasuredStep]) -> Option<Self> {
-        let (fitted, covariance) = fit_steps(steps)?;
+        let angles = angles(steps);
+        let (angle, std) = if angles.len() < STEPS_MIN {
+            // Turns in place tell no angle, but the offset best of all.
+            let short = |step: &Tf<RobotFrame, RobotFrame>| math::hypot(step.x, step.y) <= STEP_MIN;
+            let in_place = |step: &&MeasuredStep| short(&step.wheels) && short(&step.poses);
+            if steps.iter().filter(in_place).count() < STEPS_MIN.max(steps.len() / 2) {
+                return None;
+            }
+            (0.0, KNOWN_ANGLE_STD)
+        } else {
+            (common_angle(&angles)?, UNKNOWN_ANGLE_STD)
+        };
+        let (fitted, covariance) = fit_steps(steps, angle, std)?;
         // Wheels that measure one direction longer than another turn about another point, too.
         let uneven = BASE_RADIUS * math::hypot(fitted[2], fitted[3]);
         let of_centre = CENTRE_STD * CENTRE_STD + uneven * uneven;
@@ -73,24 +89,28 @@ impl OriginOffset {
     }
 }
 
-/// Rotation and scale of the wheels' steps (two numbers, as of a complex factor), their unevenness (two), and the offset of the
-/// poses' origin (two, metres) with which they become the steps of the poses, and the covariance of these numbers.
-fn fit_steps(steps: &[MeasuredStep]) -> Option<(Vector6<f32>, Matrix6<f32>)> {
-    let steps: Vec<([f32; 3], [f32; 2])> = steps
-        .iter()
-        .map(|step| {
-            let (wheels, poses) = (step.wheels, step.poses);
-            ([wheels.x, wheels.y, wheels.theta], [poses.x, poses.y])
-        })
-        .collect();
-    let angle = |&([wx, wy, _], [x, y]): &([f32; 3], [f32; 2])| {
-        math::atan2(wx * y - wy * x, wx * x + wy * y)
-    };
-    let has_direction = |([wx, wy, _], [x, y]): &&([f32; 3], [f32; 2])| {
-        let (wheels, poses) = (math::hypot(*wx, *wy), math::hypot(*x, *y));
+/// Angles from the wheels' steps to those of the poses, radians, of steps that have a direction.
+fn angles(steps: &[MeasuredStep]) -> Vec<f32> {
+    let directed = steps.iter().filter(|step| {
+        let (wheels, poses) = (step.wheels, step.poses);
+        let (wheels, poses) = (
+            math::hypot(wheels.x, wheels.y),
+            math::hypot(poses.x, poses.y),
+        );
         wheels > STEP_MIN && poses > 0.5 * wheels && poses < 2.0 * wheels
+    });
+    let angle = |MeasuredStep { wheels, poses }: &MeasuredStep| {
+        let (across, along) = (
+            wheels.x * poses.y - wheels.y * poses.x,
+            wheels.x * poses.x + wheels.y * poses.y,
+        );
+        math::atan2(across, along)
     };
-    let angles: Vec<f32> = steps.iter().filter(has_direction).map(angle).collect();
+    directed.map(angle).collect()
+}
+
+/// The angle on which most agree. None for too few, and if fewer than half agree.
+fn common_angle(angles: &[f32]) -> Option<f32> {
     if angles.len() < STEPS_MIN {
         return None;
     }
@@ -99,15 +119,27 @@ fn fit_steps(steps: &[MeasuredStep]) -> Option<(Vector6<f32>, Matrix6<f32>)> {
         let same = others.filter(|other| wrap_angle(*other - one).abs() < SAME_DIRECTION);
         same.count()
     };
-    let (start, agreeing) = angles
+    let (angle, agreeing) = angles
         .iter()
         .map(|one| (*one, near(*one)))
         .max_by_key(|(_, count)| *count)?;
-    if 2 * agreeing < angles.len() {
-        return None;
-    }
-    let mut fitted = Vector6::new(math::cos(start), math::sin(start), 0.0, 0.0, 0.0, 0.0);
-    let prior = Vector6::new(10.0, 10.0, UNEVEN_STD, UNEVEN_STD, OFFSET_STD, OFFSET_STD)
+    (2 * agreeing >= angles.len()).then_some(angle)
+}
+
+/// Rotation and scale of the wheels' steps (two numbers, as of a complex factor), their unevenness (two), and the offset of the
+/// poses' origin (two, metres) with which they become the steps of the poses, and the covariance of these numbers. The factor is
+/// expected to be a turn by `angle`, up to `std`.
+fn fit_steps(steps: &[MeasuredStep], angle: f32, std: f32) -> Option<(Vector6<f32>, Matrix6<f32>)> {
+    let steps: Vec<([f32; 3], [f32; 2])> = steps
+        .iter()
+        .map(|step| {
+            let (wheels, poses) = (step.wheels, step.poses);
+            ([wheels.x, wheels.y, wheels.theta], [poses.x, poses.y])
+        })
+        .collect();
+    let expected = Vector6::new(math::cos(angle), math::sin(angle), 0.0, 0.0, 0.0, 0.0);
+    let mut fitted = expected;
+    let prior = Vector6::new(std, std, UNEVEN_STD, UNEVEN_STD, OFFSET_STD, OFFSET_STD)
         .map(|std| 1.0 / (std * std));
     let mut covariance = Matrix6::zeros();
     for _ in 0..PASSES {
@@ -130,7 +162,7 @@ fn fit_steps(steps: &[MeasuredStep]) -> Option<(Vector6<f32>, Matrix6<f32>)> {
         let freedom = coordinates / (coordinates - 6.0);
         let std = (spread(&errors) * freedom.sqrt()).max(STEP_STD.0);
         let mut information = Matrix6::from_diagonal(&prior);
-        let mut vector = Vector6::zeros();
+        let mut vector = prior.component_mul(&expected);
         for ((wheels, target), error) in steps.iter().zip(&errors) {
             let weight = weight(error / std) / (std * std);
             for (row, value) in rows(*wheels).iter().zip(target) {
@@ -286,6 +318,28 @@ mod tests {
             // Half of it is that of the centre about which uneven wheels turn.
             assert!(found.covariance.trace().sqrt() < 0.06, "{found:?}");
         }
+    }
+
+    #[test]
+    fn turns_in_place_tell_the_offset_and_wheels_that_stand_still_do_not() {
+        let circling = |origin: f32| {
+            (0..20).map(move |k| {
+                let turn = if k % 7 == 0 { -0.4_f32 } else { 0.4 };
+                let (sin, cos) = math::sin_cos(turn);
+                MeasuredStep {
+                    wheels: Tf::new(0.0, 0.001, turn),
+                    poses: Tf::new(origin * (cos - 1.0), origin * sin, turn),
+                }
+            })
+        };
+        let found = OriginOffset::measure(&circling(0.05).collect::<Vec<_>>()).expect("an offset");
+        assert!(
+            (found.at - Vector2::new(0.05, 0.0)).norm() < 0.003,
+            "{found:?}"
+        );
+        assert!(found.covariance.trace().sqrt() < 0.04, "{found:?}");
+        // A robot that drives circles of half a metre.
+        assert!(OriginOffset::measure(&circling(0.5).collect::<Vec<_>>()).is_none());
     }
 
     #[test]

@@ -56,6 +56,11 @@ impl CsvTable {
                 columns.join(",")
             );
         }
+        ensure!(
+            columns.iter().any(|name| !name.is_empty()),
+            "{}: no header: the file is empty",
+            path.display()
+        );
         for name in required {
             if !columns.iter().any(|column| column == name) {
                 bail!(
