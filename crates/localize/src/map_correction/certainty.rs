@@ -9,7 +9,7 @@ use super::sums::TermMatrix;
 pub(super) const REPETITION: f64 = 10.0;
 
 /// Points whose errors all images of a drive do not share.
-const INDEPENDENT_POINTS: f64 = 4.0;
+const POINTS_OF_A_DRIVE: f64 = 4.0;
 
 /// Share by which an image changes the means over a drive.
 const RATE: f64 = 0.05;
@@ -77,7 +77,7 @@ impl Claim {
         let (mut share, mut widening) = (1.0 / REPETITION, 1.0);
         if let Some((seen, by_map)) = seen.mean_squares(prior) {
             let total = (prior * gained).trace().max(f64::EPSILON);
-            share = share.min(INDEPENDENT_POINTS * by_map / (seen * total));
+            share = share.min(POINTS_OF_A_DRIVE * by_map / (seen * total));
             // Residuals beyond those of any expected map: its errors are larger than expected, too.
             widening = (seen / (1.0 + by_map)).max(1.0);
         }
