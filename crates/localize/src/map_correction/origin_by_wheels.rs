@@ -47,7 +47,7 @@ impl OriginByWheels {
         let by_place = difference * covariance * difference.transpose();
         self.by_place += (by_place - self.by_place) * RATE;
         self.at = measured.at.map(f64::from);
-        let covariance = measured.covariance.map(f64::from) + self.by_place;
+        let covariance = Matrix2::identity() * f64::from(measured.variance) + self.by_place;
         self.information = covariance.try_inverse().unwrap_or_else(Matrix2::zeros);
     }
 

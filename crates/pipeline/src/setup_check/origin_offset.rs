@@ -29,21 +29,18 @@ pub(super) struct OriginOffset {
     pub(super) at: Vector2<f32>,
     /// Square of its standard deviations: twice the log likelihood that it gains over none.
     squared_sigmas: f32,
-    /// Standard deviation along the less certain axis, that of the wheels' centre included, metres.
+    /// Standard deviation of each coordinate, that of the wheels' centre included, metres.
     pub(super) std: f32,
 }
 
 impl OriginOffset {
     /// Offset by the steps of an explanation. None for too few steps.
     pub(super) fn measure(explanation: &Explanation) -> Option<Self> {
-        let wheel_steps::OriginOffset { at, covariance } =
-            wheel_steps::OriginOffset::measure(&explanation.steps())?;
-        let squared_sigmas = (at.transpose() * covariance.try_inverse()? * at).x;
-        let std = covariance.diagonal().max().sqrt();
+        let offset = wheel_steps::OriginOffset::measure(&explanation.steps())?;
         Some(OriginOffset {
-            at,
-            squared_sigmas,
-            std,
+            at: offset.at,
+            squared_sigmas: offset.at.norm_squared() / offset.variance,
+            std: offset.variance.sqrt(),
         })
     }
 

@@ -15,17 +15,16 @@ impl JointFilter {
     /// A wheel sample ends the present increment.
     pub(super) fn add_wheel_step(&mut self, measured: [f32; 3]) {
         let middle = self.state[POSE + 2] - 0.5 * self.state[WHEEL_INCREMENT + 2];
-        self.turning_steps
-            .add_wheels(middle, [measured[0], measured[1]]);
+        self.turning_steps.add_wheels(middle, measured);
     }
 
     /// The present pose is that of an image.
     pub(super) fn add_pose_step(&mut self) {
         let heading = self.state[POSE + 2] - self.state[WHEEL_INCREMENT + 2];
         let (sin, cos) = math::sin_cos(heading);
-        let [x, y] = [0, 1].map(|k| self.state[WHEEL_INCREMENT + k]);
+        let [x, y, turn] = [0, 1, 2].map(|k| self.state[WHEEL_INCREMENT + k]);
         self.turning_steps
-            .add_pose(self.pose(), [cos * x - sin * y, sin * x + cos * y]);
+            .add_pose(self.pose(), [cos * x - sin * y, sin * x + cos * y, turn]);
     }
 
     /// The map moved the poses by this on the field, metres.
@@ -106,10 +105,10 @@ mod tests {
             let found = drive(1.5, wrong).origin_offset().expect("enough steps");
             let error = found.at - Vector2::from(ORIGIN);
             assert!(error.norm() < 0.02, "{wrong}: {found:?}");
-            assert!(found.covariance.trace().sqrt() < 0.04, "{wrong}: {found:?}");
+            assert!((2.0 * found.variance).sqrt() < 0.04, "{wrong}: {found:?}");
         }
         let straight = drive(0.0, 1.0).origin_offset().expect("enough steps");
-        assert!(straight.covariance.trace().sqrt() > 0.3, "{straight:?}");
+        assert!((2.0 * straight.variance).sqrt() > 0.3, "{straight:?}");
     }
 
     #[test]

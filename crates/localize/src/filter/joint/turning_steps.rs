@@ -14,11 +14,20 @@ const STEP_TURN: f32 = 0.4;
 /// Most steps kept: half a minute of play.
 const STEPS_MAX: usize = 64;
 
+/// A step that has not ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct PresentStep {
+    start: Pose,
+    /// Way of the wheels since, field frame, metres.
+    way: [f32; 2],
+    /// Turn of the wheels since, radians.
+    turn: f32,
+}
+
 /// Steps of a drive, and what they tell.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct TurningSteps {
-    /// Pose at the start of the present step, and the wheels' way since, field frame, metres.
-    present: Option<(Pose, [f32; 2])>,
+    present: Option<PresentStep>,
     steps: VecDeque<MeasuredStep>,
     origin: Option<OriginOffset>,
 }
@@ -35,37 +44,44 @@ impl TurningSteps {
     }
 
     /// Adds a motion of the wheels, robot frame, at a heading.
-    pub(super) fn add_wheels(&mut self, heading: f32, [x, y]: [f32; 2]) {
+    pub(super) fn add_wheels(&mut self, heading: f32, [x, y, turn]: [f32; 3]) {
         let (sin, cos) = math::sin_cos(heading);
-        if let Some((_, way)) = &mut self.present {
-            way[0] += cos * x - sin * y;
-            way[1] += sin * x + cos * y;
+        if let Some(present) = &mut self.present {
+            present.way[0] += cos * x - sin * y;
+            present.way[1] += sin * x + cos * y;
+            present.turn += turn;
         }
     }
 
-    /// Adds the pose of an image. `since`: way since the last motion of the wheels, field frame.
-    pub(super) fn add_pose(&mut self, pose: Pose, since: [f32; 2]) {
-        let Some((start, way)) = self.present else {
-            // The present motion of the wheels began before.
-            self.present = Some((pose, since.map(|value| -value)));
+    /// Adds the pose of an image. `since`: motion since the last one of the wheels, field frame.
+    pub(super) fn add_pose(&mut self, pose: Pose, since: [f32; 3]) {
+        // The present motion of the wheels began before.
+        let next = PresentStep {
+            start: pose,
+            way: [-since[0], -since[1]],
+            turn: -since[2],
+        };
+        let Some(PresentStep { start, way, turn }) = self.present else {
+            self.present = Some(next);
             return;
         };
         let way = [way[0] + since[0], way[1] + since[1]];
-        let turn = wrap_angle(pose.theta - start.theta);
-        if math::hypot(way[0], way[1]) < STEP_DISTANCE && turn.abs() < STEP_TURN {
+        let turn_of_poses = wrap_angle(pose.theta - start.theta);
+        if math::hypot(way[0], way[1]) < STEP_DISTANCE && turn_of_poses.abs() < STEP_TURN {
             return;
         }
         let (sin, cos) = math::sin_cos(start.theta);
-        let from_start = |[x, y]: [f32; 2]| Tf::new(cos * x + sin * y, cos * y - sin * x, turn);
+        let from_start =
+            |[x, y]: [f32; 2], turn: f32| Tf::new(cos * x + sin * y, cos * y - sin * x, turn);
         if self.steps.len() == STEPS_MAX {
             self.steps.pop_front();
         }
         self.steps.push_back(MeasuredStep {
-            wheels: from_start(way),
-            poses: from_start([pose.x - start.x, pose.y - start.y]),
+            wheels: from_start(way, turn + since[2]),
+            poses: from_start([pose.x - start.x, pose.y - start.y], turn_of_poses),
         });
         self.origin = OriginOffset::measure(self.steps.make_contiguous());
-        self.present = Some((pose, since.map(|value| -value)));
+        self.present = Some(next);
     }
 
     /// The map moved the origin by this in the robot frame, metres: earlier steps were seen from another one.
@@ -79,7 +95,7 @@ impl TurningSteps {
             step.poses.x += end_x - x;
             step.poses.y += end_y - y;
         }
-        if let Some((start, _)) = &mut self.present {
+        if let Some(PresentStep { start, .. }) = &mut self.present {
             let [x, y] = turned(start.theta);
             start.x += x;
             start.y += y;

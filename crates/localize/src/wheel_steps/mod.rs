@@ -1,53 +1,37 @@
 //! By which angle, offset and matrix do the wheels differ from the poses? Robust fits to steps of a drive (docs/methods.md 16.2).
 
-use nalgebra::{Matrix2, Matrix3, Matrix6, RowVector6, Vector2, Vector3, Vector6};
+mod matrix;
+mod step;
+mod step_fit;
 
+use nalgebra::Vector2;
+
+pub use self::matrix::{matrix_between, matrix_gain};
+use self::step::STEPS_MIN;
+pub use self::step::{MeasuredStep, STEP_STD, spread, weight};
+use self::step_fit::{KNOWN_FACTOR_STD, StepFit};
 use crate::frames::{RobotFrame, Tf, wrap_angle};
 use crate::math;
 
 /// Shorter steps say little about a direction, metres.
 const STEP_MIN: f32 = 0.1;
-/// Fewer steps fit anything.
-const STEPS_MIN: usize = 6;
-/// Expected errors of a step between two poses: metres, radians.
-pub const STEP_STD: (f32, f32) = (0.03, 0.04);
-/// Standard deviation of what right wheels may have: the share by which they measure one direction longer than another.
-const UNEVEN_STD: f32 = 0.04;
-/// Standard deviation of the offset of an origin of which nothing is known, metres.
-const OFFSET_STD: f32 = 0.5;
-/// Standard deviation of the elements of a matrix of wrong wheels.
-const MATRIX_STD: f32 = 0.3;
-/// Smallest spread of steps: that of poses on a perfect map, shares of the expected errors.
-const SPREAD_MIN: f32 = 0.2;
-/// Standard deviations of the factor from the wheels' motion to that of the poses: where nothing is known, and of wheels in order.
-const UNKNOWN_ANGLE_STD: f32 = 10.0;
-const KNOWN_ANGLE_STD: f32 = 0.2;
+/// Standard deviation of the factor from the wheels' motion to that of the poses, where nothing is known.
+const UNKNOWN_FACTOR_STD: f32 = 10.0;
 /// Directions that count as the same one, radians.
 const SAME_DIRECTION: f32 = 0.2;
-/// Passes of the reweighted fit.
-const PASSES: usize = 8;
 
 /// Standard deviation of the centre about which right wheels turn, metres.
 const CENTRE_STD: f32 = 0.01;
 /// Distance of the wheels from the centre, metres: what uneven wheels move it by.
 const BASE_RADIUS: f32 = 0.25;
 
-/// One motion, measured twice, in the robot frame at its start.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MeasuredStep {
-    /// By the wheels.
-    pub wheels: Tf<RobotFrame, RobotFrame>,
-    /// Between the poses that the line points give.
-    pub poses: Tf<RobotFrame, RobotFrame>,
-}
-
 /// The poses' origin in the frame of the wheels, as a drive tells it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OriginOffset {
     /// From the point about which the wheels turn, robot frame, metres.
     pub at: Vector2<f32>,
-    /// Covariance, m², with that of the wheels' own centre.
-    pub covariance: Matrix2<f32>,
+    /// Variance of each coordinate, m², with that of the wheels' own centre.
+    pub variance: f32,
 }
 
 /// Angle from the wheels' steps to those of the poses, radians, with its standard deviation.
@@ -56,11 +40,10 @@ pub struct OriginOffset {
 /// uncertain where the robot has driven in one direction only. None for too few steps that agree on an angle.
 pub fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
     let angle = common_angle(&angles(steps))?;
-    let (fitted, covariance) = fit_steps(steps, angle, UNKNOWN_ANGLE_STD)?;
-    let scale = math::hypot(fitted[0], fitted[1]);
-    let across = Vector6::new(-fitted[1], fitted[0], 0.0, 0.0, 0.0, 0.0) / (scale * scale);
-    let std = (across.transpose() * covariance * across).x.sqrt();
-    (scale > 0.3).then(|| (math::atan2(fitted[1], fitted[0]), std))
+    let fit = StepFit::fit(steps, angle, UNKNOWN_FACTOR_STD)?;
+    let scale = math::hypot(fit.factor.re, fit.factor.im);
+    let std = fit.variances[0].sqrt() / scale;
+    (scale > 0.3).then(|| (math::atan2(fit.factor.im, fit.factor.re), std))
 }
 
 impl OriginOffset {
@@ -74,17 +57,16 @@ impl OriginOffset {
             if steps.iter().filter(in_place).count() < STEPS_MIN.max(steps.len() / 2) {
                 return None;
             }
-            (0.0, KNOWN_ANGLE_STD)
+            (0.0, KNOWN_FACTOR_STD)
         } else {
-            (common_angle(&angles)?, UNKNOWN_ANGLE_STD)
+            (common_angle(&angles)?, UNKNOWN_FACTOR_STD)
         };
-        let (fitted, covariance) = fit_steps(steps, angle, std)?;
+        let fit = StepFit::fit(steps, angle, std)?;
         // Wheels that measure one direction longer than another turn about another point, too.
-        let uneven = BASE_RADIUS * math::hypot(fitted[2], fitted[3]);
-        let of_centre = CENTRE_STD * CENTRE_STD + uneven * uneven;
+        let uneven = BASE_RADIUS * math::hypot(fit.unevenness.re, fit.unevenness.im);
         Some(OriginOffset {
-            at: fitted.fixed_rows::<2>(4).into_owned(),
-            covariance: covariance.fixed_view::<2, 2>(4, 4) + Matrix2::identity() * of_centre,
+            at: Vector2::new(fit.offset.re, fit.offset.im),
+            variance: fit.variances[2] + CENTRE_STD * CENTRE_STD + uneven * uneven,
         })
     }
 }
@@ -126,125 +108,10 @@ fn common_angle(angles: &[f32]) -> Option<f32> {
     (2 * agreeing >= angles.len()).then_some(angle)
 }
 
-/// Rotation and scale of the wheels' steps (two numbers, as of a complex factor), their unevenness (two), and the offset of the
-/// poses' origin (two, metres) with which they become the steps of the poses, and the covariance of these numbers. The factor is
-/// expected to be a turn by `angle`, up to `std`.
-fn fit_steps(steps: &[MeasuredStep], angle: f32, std: f32) -> Option<(Vector6<f32>, Matrix6<f32>)> {
-    let steps: Vec<([f32; 3], [f32; 2])> = steps
-        .iter()
-        .map(|step| {
-            let (wheels, poses) = (step.wheels, step.poses);
-            ([wheels.x, wheels.y, wheels.theta], [poses.x, poses.y])
-        })
-        .collect();
-    let expected = Vector6::new(math::cos(angle), math::sin(angle), 0.0, 0.0, 0.0, 0.0);
-    let mut fitted = expected;
-    let prior = Vector6::new(std, std, UNEVEN_STD, UNEVEN_STD, OFFSET_STD, OFFSET_STD)
-        .map(|std| 1.0 / (std * std));
-    let mut covariance = Matrix6::zeros();
-    for _ in 0..PASSES {
-        let rows = |[wx, wy, turn]: [f32; 3]| {
-            let (sin, cos) = math::sin_cos(turn);
-            [
-                RowVector6::new(wx, -wy, wx, wy, cos - 1.0, -sin),
-                RowVector6::new(wy, wx, -wy, wx, sin, cos - 1.0),
-            ]
-        };
-        let errors: Vec<f32> = steps
-            .iter()
-            .map(|(wheels, [x, y])| {
-                let [row_x, row_y] = rows(*wheels);
-                math::hypot((row_x * fitted).x - x, (row_y * fitted).x - y)
-            })
-            .collect();
-        // Six fitted numbers make few steps look better than they are.
-        let coordinates = 2.0 * steps.len() as f32;
-        let freedom = coordinates / (coordinates - 6.0);
-        let std = (spread(&errors) * freedom.sqrt()).max(STEP_STD.0);
-        let mut information = Matrix6::from_diagonal(&prior);
-        let mut vector = prior.component_mul(&expected);
-        for ((wheels, target), error) in steps.iter().zip(&errors) {
-            let weight = weight(error / std) / (std * std);
-            for (row, value) in rows(*wheels).iter().zip(target) {
-                information += row.transpose() * row * weight;
-                vector += row.transpose() * (*value * weight);
-            }
-        }
-        covariance = information.try_inverse()?;
-        fitted = covariance * vector;
-    }
-    Some((fitted, covariance))
-}
-
-/// The matrix by which the wheels' motion (metres, metres, radians) becomes that of the poses. None for too few steps.
-pub fn matrix_between(steps: &[MeasuredStep]) -> Option<Matrix3<f32>> {
-    if steps.len() < STEPS_MIN {
-        return None;
-    }
-    let pairs = motions(steps);
-    let mut matrix = Matrix3::identity();
-    for _ in 0..PASSES {
-        let errors = matrix_errors(&pairs, &matrix);
-        let std = spread(&errors).max(1.0);
-        let mut information = Matrix3::identity() / (MATRIX_STD * MATRIX_STD);
-        let mut products = information;
-        for ((wheels, poses), error) in pairs.iter().zip(&errors) {
-            let weight = weight(error / std) / (STEP_STD.0 * std).powi(2);
-            information += wheels * wheels.transpose() * weight;
-            products += poses * wheels.transpose() * weight;
-        }
-        matrix = products * information.try_inverse()?;
-    }
-    Some(matrix)
-}
-
-/// Log likelihood that a matrix gains at the steps, whose spread is estimated with it and without it.
-pub fn matrix_gain(steps: &[MeasuredStep], matrix: &Matrix3<f32>) -> f32 {
-    let pairs = motions(steps);
-    let [before, after] = [Matrix3::identity(), *matrix]
-        .map(|matrix| spread(&matrix_errors(&pairs, &matrix)).max(SPREAD_MIN));
-    // Two coordinates of each step: the turns rarely differ.
-    2.0 * steps.len() as f32 * math::ln(before / after)
-}
-
-/// Each step by the wheels and by the poses: metres, metres, radians.
-fn motions(steps: &[MeasuredStep]) -> Vec<(Vector3<f32>, Vector3<f32>)> {
-    let vector = |x: f32, y: f32, turn: f32| Vector3::new(x, y, turn);
-    let pairs = steps.iter().map(|MeasuredStep { wheels, poses }| {
-        (
-            vector(wheels.x, wheels.y, wheels.theta),
-            vector(poses.x, poses.y, poses.theta),
-        )
-    });
-    pairs.collect()
-}
-
-/// Errors of steps with a matrix of the wheels, in their expected standard deviations.
-fn matrix_errors(pairs: &[(Vector3<f32>, Vector3<f32>)], matrix: &Matrix3<f32>) -> Vec<f32> {
-    let errors = pairs.iter().map(|(wheels, poses)| {
-        let error = matrix * wheels - poses;
-        let (position, turn) = (math::hypot(error.x, error.y), error.z);
-        math::hypot(position / STEP_STD.0, turn / STEP_STD.1)
-    });
-    errors.collect()
-}
-
-/// Standard deviation of errors by their median, so that outliers do not count.
-pub fn spread(errors: &[f32]) -> f32 {
-    let mut sorted = errors.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    sorted
-        .get(sorted.len() / 2)
-        .map_or(0.0, |median| 1.2 * median)
-}
-
-/// Weight of an error in standard deviations: an outlier has next to none.
-pub fn weight(deviation: f32) -> f32 {
-    (1.0 + (deviation / 2.0).powi(2)).powi(-2)
-}
-
 #[cfg(test)]
 mod tests {
+    use nalgebra::{Matrix3, Vector3};
+
     use super::*;
 
     /// Steps in many directions of wheels that measure `matrix`⁻¹ of the motion and of poses turned by `angle`, with noise;
@@ -316,7 +183,7 @@ mod tests {
             let error = found.at - Vector2::from(offset);
             assert!(error.norm() < 0.02, "{offset:?}: {found:?}");
             // Half of it is that of the centre about which uneven wheels turn.
-            assert!(found.covariance.trace().sqrt() < 0.06, "{found:?}");
+            assert!((2.0 * found.variance).sqrt() < 0.06, "{found:?}");
         }
     }
 
@@ -337,9 +204,30 @@ mod tests {
             (found.at - Vector2::new(0.05, 0.0)).norm() < 0.003,
             "{found:?}"
         );
-        assert!(found.covariance.trace().sqrt() < 0.04, "{found:?}");
+        assert!((2.0 * found.variance).sqrt() < 0.04, "{found:?}");
         // A robot that drives circles of half a metre.
         assert!(OriginOffset::measure(&circling(0.5).collect::<Vec<_>>()).is_none());
+    }
+
+    #[test]
+    fn turns_show_slip_that_passes_for_an_offset_by_positions() {
+        let slipping = |seen: bool| {
+            let steps = steps(0.0, Matrix3::identity()).into_iter().enumerate();
+            let steps = steps.map(|(k, mut step)| {
+                // Wheels that spin while the robot turns: the more it turns, the farther aside.
+                if k % 2 == 0 {
+                    step.wheels.x = 1.4 * step.poses.x - 0.2 * step.poses.theta;
+                    step.wheels.y = 1.4 * step.poses.y + 0.2 * step.poses.theta;
+                    step.wheels.theta -= if seen { 0.3 } else { 0.0 };
+                }
+                step
+            });
+            OriginOffset::measure(&steps.collect::<Vec<_>>()).expect("an offset")
+        };
+        let beside = |found: &OriginOffset| found.at.norm() / found.variance.sqrt();
+        let (found, misled) = (slipping(true), slipping(false));
+        assert!(beside(&found) < 1.0, "{found:?}");
+        assert!(beside(&misled) > 1.5, "positions tell it: {misled:?}");
     }
 
     #[test]
@@ -351,7 +239,7 @@ mod tests {
             })
             .collect();
         let found = OriginOffset::measure(&straight).expect("an offset");
-        assert!(found.covariance.trace().sqrt() > 0.5, "{found:?}");
+        assert!((2.0 * found.variance).sqrt() > 0.5, "{found:?}");
     }
 
     #[test]

@@ -1,0 +1,33 @@
+//! A motion by the wheels and by the poses, and how errors of such steps count in robust fits.
+
+use crate::frames::{RobotFrame, Tf};
+
+/// Fewer steps fit anything.
+pub(super) const STEPS_MIN: usize = 6;
+/// Expected errors of a step between two poses: metres, radians.
+pub const STEP_STD: (f32, f32) = (0.03, 0.04);
+/// Passes of the reweighted fit.
+pub(super) const PASSES: usize = 8;
+
+/// One motion, measured twice, in the robot frame at its start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeasuredStep {
+    /// By the wheels.
+    pub wheels: Tf<RobotFrame, RobotFrame>,
+    /// Between the poses that the line points give.
+    pub poses: Tf<RobotFrame, RobotFrame>,
+}
+
+/// Standard deviation of errors by their median, so that outliers do not count.
+pub fn spread(errors: &[f32]) -> f32 {
+    let mut sorted = errors.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    sorted
+        .get(sorted.len() / 2)
+        .map_or(0.0, |median| 1.2 * median)
+}
+
+/// Weight of an error in standard deviations: an outlier has next to none.
+pub fn weight(deviation: f32) -> f32 {
+    (1.0 + (deviation / 2.0).powi(2)).powi(-2)
+}
