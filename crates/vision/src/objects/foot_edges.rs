@@ -2,17 +2,18 @@
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::image::{ImageView, OUTSIDE};
-use crate::objects::patch::logarithms;
+use crate::objects::patch::{LOG_OFFSET, logarithms};
 
-/// Smallest step of the mean logarithm across an edge, and that which remains beyond a line.
+/// Smallest step of the mean logarithm across an edge, that which remains beyond a line, and that between the farther pixels.
 const EDGE_STEP_MIN: f32 = 0.25;
 const BEYOND_LINE_STEP_MIN: f32 = 0.2;
-/// Step between two pixels below which a place is not looked at further.
-const PLAIN_STEP_MAX: f32 = 0.08;
+const FAR_STEP_MIN: f32 = 0.08;
+/// No edge has a smaller [`edge_bound`]: it is least if one channel alone steps, tanh(3 · `EDGE_STEP_MIN`) = 0.635.
+const EDGE_BOUND_MIN: f32 = 0.63;
 /// Places whose colours are read at a time.
 const BATCH: usize = 64;
 
-/// Where the grid looks for an edge at a foot point.
+/// Where the grid looks for an edge at a foot point; the nearer pixels first.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct EdgePixels {
     pub(crate) below: [[u16; 2]; 2],
@@ -20,101 +21,100 @@ pub(crate) struct EdgePixels {
     pub(crate) beyond_line: [u16; 2],
 }
 
-/// Foot points whose far pixels differ, in the order of the grid.
-#[derive(Debug, Clone, Default)]
-struct UnevenPlaces {
-    places: Vec<u32>,
-    /// Colours of the farther pixels above and below each of them.
-    far: Vec<[u32; 2]>,
-}
-
 /// The edges at the foot points of a grid.
 ///
-/// Most places are plain and a look at two pixels shows it, so each array holds what one step of the search reads.
+/// Most places have none. A bound of the step shows this without logarithms.
 #[derive(Debug, Clone)]
 pub(crate) struct FootEdges {
-    /// Of each place, the farther pixels above and below the foot; [`OUTSIDE`] if it is not visible.
-    far_pixels: Vec<[[u16; 2]; 2]>,
-    /// The nearer pixels above and below, and that beyond a line.
-    near_pixels: Vec<[[u16; 2]; 3]>,
+    /// Of each place, the nearer and the farther pixel above the foot, and those below it; [`OUTSIDE`] if it is not visible.
+    above: [Vec<[u16; 2]>; 2],
+    below: [Vec<[u16; 2]>; 2],
+    beyond_line: Vec<[u16; 2]>,
     /// Step of the colours at each place in the last image; 0 where there is no edge above carpet.
     pub(crate) steps: Vec<f32>,
-    uneven: UnevenPlaces,
 }
 
 impl FootEdges {
     /// `places`: None where a foot point is not visible.
     pub(crate) fn new(places: &[Option<EdgePixels>]) -> Self {
-        let far = |it: EdgePixels| [it.above[1], it.below[1]];
-        let near = |it: EdgePixels| [it.above[0], it.below[0], it.beyond_line];
-        let places = places.iter();
+        let pixels = |pixel: &dyn Fn(&EdgePixels) -> [u16; 2]| -> Vec<[u16; 2]> {
+            let of_place = |place: &Option<EdgePixels>| place.as_ref().map_or(OUTSIDE, pixel);
+            places.iter().map(of_place).collect()
+        };
         FootEdges {
+            above: [0, 1].map(|which| pixels(&|place| place.above[which])),
+            below: [0, 1].map(|which| pixels(&|place| place.below[which])),
+            beyond_line: pixels(&|place| place.beyond_line),
             steps: vec![0.0; places.len()],
-            uneven: UnevenPlaces::default(),
-            far_pixels: places
-                .clone()
-                .map(|place| place.map_or([OUTSIDE; 2], far))
-                .collect(),
-            near_pixels: places
-                .map(|place| place.map_or([OUTSIDE; 3], near))
-                .collect(),
         }
-    }
-
-    /// Places at which the colours step between the far pixels.
-    fn find_uneven(&mut self, image: &ImageView<'_>) {
-        let logarithms = logarithms();
-        let UnevenPlaces { places, far } = &mut self.uneven;
-        places.resize(self.far_pixels.len(), 0);
-        far.resize(self.far_pixels.len(), [0; 2]);
-        let mut count = 0;
-        let mut place = 0;
-        for pixels in self.far_pixels.chunks(BATCH) {
-            let mut colours = [[0u32; 2]; BATCH];
-            let colours = &mut colours[..pixels.len()];
-            image.read_rgb(pixels.as_flattened(), colours.as_flattened_mut());
-            for &mut colours in colours {
-                let [above, below] = colours.map(|colour| log_colour(logarithms, colour));
-                // Without a branch, which would often be foreseen wrongly.
-                (places[count], far[count]) = (place, colours);
-                count += usize::from(log_step(above, below) >= PLAIN_STEP_MAX);
-                place += 1;
-            }
-        }
-        places.truncate(count);
-        far.truncate(count);
     }
 
     /// Finds the steps of an image; returns the places that have one, in the order of the grid.
     pub(crate) fn find(&mut self, image: &ImageView<'_>, table: &ColourLookupTable) -> Vec<usize> {
-        self.find_uneven(image);
-        let logarithms = logarithms();
         self.steps.fill(0.0);
         let mut steep = Vec::new();
-        let UnevenPlaces { places, far } = &self.uneven;
-        for (places, far) in places.chunks(BATCH).zip(far.chunks(BATCH)) {
-            let mut pixels = [[OUTSIDE; 3]; BATCH];
-            for (pixels, &place) in pixels.iter_mut().zip(places) {
-                *pixels = self.near_pixels[place as usize];
+        for first in (0..self.steps.len()).step_by(BATCH) {
+            let batch = first..self.steps.len().min(first + BATCH);
+            let read = |pixels: &Vec<[u16; 2]>| {
+                let mut colours = [0u32; BATCH];
+                image.read_rgb(&pixels[batch.clone()], &mut colours[..batch.len()]);
+                colours
+            };
+            let [above, below] = [&self.above, &self.below].map(|both| both.each_ref().map(read));
+            let mut bounds = [0.0f32; BATCH];
+            for (index, bound) in bounds.iter_mut().enumerate() {
+                *bound = edge_bound(
+                    [above[0][index], above[1][index]],
+                    [below[0][index], below[1][index]],
+                );
             }
-            let pixels = &pixels[..places.len()];
-            let mut near = [[0u32; 3]; BATCH];
-            let near = &mut near[..places.len()];
-            image.read_rgb(pixels.as_flattened(), near.as_flattened_mut());
-            for ((&place, far), near) in places.iter().zip(far).zip(near) {
-                let far = far.map(|colour| log_colour(logarithms, colour));
-                let near = near.map(|colour| log_colour(logarithms, colour));
-                let place = place as usize;
-                let edge = edge_step(far, near);
-                let below = [self.near_pixels[place][1], self.far_pixels[place][1]];
-                if edge > 0.0 && has_carpet(image, table, &below) {
-                    self.steps[place] = edge;
+            let mut likely = [0usize; BATCH];
+            let mut count = 0;
+            for (index, bound) in bounds.iter().enumerate() {
+                // Without a branch, which would often be foreseen wrongly.
+                likely[count % BATCH] = index;
+                count += usize::from(*bound >= EDGE_BOUND_MIN);
+            }
+            let likely = &likely[..count];
+            let mut pixels = [OUTSIDE; BATCH];
+            for (pixel, &index) in pixels.iter_mut().zip(likely) {
+                *pixel = self.beyond_line[first + index];
+            }
+            let mut beyond_line = [0u32; BATCH];
+            image.read_rgb(&pixels[..count], &mut beyond_line[..count]);
+            for (&index, &beyond_line) in likely.iter().zip(&beyond_line) {
+                let place = first + index;
+                let step = edge_step(
+                    [above[0][index], above[1][index]],
+                    [below[0][index], below[1][index]],
+                    beyond_line,
+                );
+                if step > 0.0 && has_carpet(image, table, self.below.each_ref().map(|it| it[place]))
+                {
+                    self.steps[place] = step;
                     steep.push(place);
                 }
             }
         }
         steep
     }
+}
+
+/// Bound of three times the step across an edge, from below. Colours of the nearer and the farther pixel above the foot, and
+/// of those below.
+///
+/// A channel's step is half of ln(p / q), where p and q are products of the levels above and below. This is artanh(t) with
+/// t = (p - q) / (p + q), which is more than t. Vector instructions compute t for many places at once, while logarithms are
+/// looked up one by one.
+#[inline(always)]
+fn edge_bound(above: [u32; 2], below: [u32; 2]) -> f32 {
+    let mut sum = 0.0;
+    for channel in 0..3 {
+        let level = |colour: u32| (colour >> (8 * channel) & 0xff) as i32 as f32 + LOG_OFFSET;
+        let [p, q] = [above, below].map(|[near, far]| level(near) * level(far));
+        sum += (p - q).abs() / (p + q);
+    }
+    sum
 }
 
 /// Logarithms of a colour whose red is in the lowest byte.
@@ -130,27 +130,96 @@ fn log_step(a: [f32; 3], b: [f32; 3]) -> f32 {
     ((a[0] - b[0]).abs() + (a[1] - b[1]).abs() + (a[2] - b[2]).abs()) / 3.0
 }
 
-/// Step of the logarithmic colours across an edge; 0 if there is none or it is a line's. `far`: the farther pixels above
-/// and below, `near`: the nearer ones, and that beyond a line.
+/// Step of the logarithmic colours across an edge; 0 if there is none or it is a line's. Colours of the nearer and the farther
+/// pixel above, of those below, and of that beyond a line.
 #[inline(always)]
-fn edge_step(
-    [far_above, far_below]: [[f32; 3]; 2],
-    [near_above, near_below, beyond_line]: [[f32; 3]; 3],
-) -> f32 {
-    let mean = |a: [f32; 3], b: [f32; 3]| [0, 1, 2].map(|channel| (a[channel] + b[channel]) / 2.0);
-    let below = mean(near_below, far_below);
-    let edge = log_step(mean(near_above, far_above), below);
-    if edge < EDGE_STEP_MIN || log_step(beyond_line, below) < BEYOND_LINE_STEP_MIN {
+fn edge_step(above: [u32; 2], below: [u32; 2], beyond_line: u32) -> f32 {
+    let logarithms = logarithms();
+    let [above, below] = [above, below].map(|both| both.map(|it| log_colour(logarithms, it)));
+    let beyond_line = log_colour(logarithms, beyond_line);
+    let mean = |[near, far]: [[f32; 3]; 2]| [0, 1, 2].map(|it| (near[it] + far[it]) / 2.0);
+    let floor = mean(below);
+    let edge = log_step(mean(above), floor);
+    if edge < EDGE_STEP_MIN
+        || log_step(beyond_line, floor) < BEYOND_LINE_STEP_MIN
+        || log_step(above[1], below[1]) < FAR_STEP_MIN
+    {
         return 0.0;
     }
     edge
 }
 
 /// True if one of two pixels is carpet.
-fn has_carpet(image: &ImageView<'_>, table: &ColourLookupTable, pixels: &[[u16; 2]; 2]) -> bool {
-    let mut native = [0; 2];
-    image.read_native(pixels, &mut native);
-    native
-        .iter()
-        .any(|&pixel| table.cell_class(ColourLookupTable::cell_index(pixel)) == ColourClass::CARPET)
+fn has_carpet(image: &ImageView<'_>, table: &ColourLookupTable, pixels: [[u16; 2]; 2]) -> bool {
+    pixels.into_iter().any(|pixel| {
+        let [u, v] = pixel.map(usize::from);
+        table.class(image.native_channels(u, v)) == ColourClass::CARPET
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::PixelFormat;
+
+    const SIDE_PX: usize = 60;
+
+    fn random(state: &mut u32) -> u32 {
+        *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        *state >> 16
+    }
+
+    /// The definition, for one place: logarithms of single pixels.
+    fn step_at(image: &ImageView<'_>, table: &ColourLookupTable, place: &EdgePixels) -> f32 {
+        let logs = |[u, v]: [u16; 2]| {
+            let rgb = image.rgb(usize::from(u), usize::from(v));
+            rgb.map(|level| logarithms()[usize::from(level)])
+        };
+        let mean = |[a, b]: [[f32; 3]; 2]| [0, 1, 2].map(|it: usize| (a[it] + b[it]) / 2.0);
+        let (above, below) = (place.above.map(logs), place.below.map(logs));
+        let edge = log_step(mean(above), mean(below));
+        let found = log_step(above[1], below[1]) >= FAR_STEP_MIN
+            && edge >= EDGE_STEP_MIN
+            && log_step(logs(place.beyond_line), mean(below)) >= BEYOND_LINE_STEP_MIN
+            && has_carpet(image, table, place.below);
+        if found { edge } else { 0.0 }
+    }
+
+    #[test]
+    fn steps_are_those_of_single_places_and_none_is_left_out_by_the_bound() {
+        let mut state = 5;
+        let table = ColourLookupTable::new(|[r, ..]| match r % 8 < 6 {
+            true => ColourClass::CARPET,
+            false => ColourClass::OTHER,
+        });
+        for contrast in [10, 40, 120, 255] {
+            let mut level = || (random(&mut state) % (contrast + 1)) as u8;
+            let data: Vec<u8> = (0..3 * SIDE_PX * SIDE_PX).map(|_| level()).collect();
+            let image = ImageView::packed(SIDE_PX, SIDE_PX, PixelFormat::Rgb8, &data);
+            let mut pixel = || [0; 2].map(|_| (random(&mut state) as usize % SIDE_PX) as u16);
+            let places: Vec<Option<EdgePixels>> = (0..2003)
+                .map(|number| {
+                    (number % 9 > 0).then(|| EdgePixels {
+                        below: [pixel(), pixel()],
+                        above: [pixel(), pixel()],
+                        beyond_line: pixel(),
+                    })
+                })
+                .collect();
+            let mut edges = FootEdges::new(&places);
+            let found = edges.find(&image, &table);
+            let mut expected = Vec::new();
+            for (number, place) in places.iter().enumerate() {
+                let step = place
+                    .as_ref()
+                    .map_or(0.0, |place| step_at(&image, &table, place));
+                assert_eq!(edges.steps[number].to_bits(), step.to_bits(), "{number}");
+                if step > 0.0 {
+                    expected.push(number);
+                }
+            }
+            assert_eq!(found, expected);
+            assert!(expected.len() > 20, "{}", expected.len());
+        }
+    }
 }

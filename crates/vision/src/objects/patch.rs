@@ -31,7 +31,7 @@ const OBSTACLE_STEP: f32 = 1.0 / 11.0;
 /// Row of an obstacle's foot.
 const FOOT_ROW: f32 = 3.0;
 /// Added before the logarithm, levels: noise of dark pixels has little effect.
-const LOG_OFFSET: f32 = 8.0;
+pub(crate) const LOG_OFFSET: f32 = 8.0;
 /// Limit of each channel.
 pub(crate) const CHANNEL_MAX: f32 = 2.0;
 
