@@ -165,12 +165,9 @@ impl BallGrid {
         let judged = self.find_places(image, table, carpet_end);
         let mut ranked: Vec<(f32, BallCandidate)> = Vec::new();
         for places in judged.chunks(LANES) {
-            let patches: Vec<&CoarsePixels> = places
-                .iter()
-                .map(|&place| &self.coarse[place as usize])
-                .collect();
+            let patches = places.iter().map(|&place| &self.coarse[place as usize]);
             let network = &NETWORKS.ball_coarse;
-            let odds = coarse_log_odds(network, PatchKind::Ball, image, &patches);
+            let odds = coarse_log_odds(network, PatchKind::Ball, image, patches);
             for (&place, log_odds) in places.iter().zip(odds) {
                 if log_odds >= LOG_ODDS_MIN {
                     ranked.push((log_odds, self.places[place as usize].candidate()));

@@ -19,27 +19,29 @@ type Lane = [f32; LANES];
 pub(crate) type CoarseInputs = [Lane; CHANNELS * COARSE_SAMPLES];
 
 /// Log odds of an object at each of up to [`LANES`] places. The rest of the result is meaningless.
-pub(crate) fn coarse_log_odds(
+pub(crate) fn coarse_log_odds<'a>(
     network: &CoarseNetwork,
     kind: PatchKind,
     image: &ImageView<'_>,
-    patches: &[&CoarsePixels],
+    patches: impl Iterator<Item = &'a CoarsePixels>,
 ) -> Lane {
     network.log_odds(&normalize_coarse_patches(kind, image, patches))
 }
 
 /// Reads and normalizes up to [`LANES`] patches, see [`crate::objects::patch`].
-fn normalize_coarse_patches(
+fn normalize_coarse_patches<'a>(
     kind: PatchKind,
     image: &ImageView<'_>,
-    patches: &[&CoarsePixels],
+    patches: impl Iterator<Item = &'a CoarsePixels>,
 ) -> CoarseInputs {
     // All places' tables first, then all their pixels: loads from memory overlap in loops that do nothing else.
     let mut pixels = [[OUTSIDE; COARSE_SAMPLES]; LANES];
+    let mut count = 0;
     for (pixels, patch) in pixels.iter_mut().zip(patches) {
-        *pixels = **patch;
+        *pixels = *patch;
+        count += 1;
     }
-    let pixels = &pixels[..patches.len().min(LANES)];
+    let pixels = &pixels[..count];
     let mut read = [[0u32; COARSE_SAMPLES]; LANES];
     image.read_rgb(
         pixels.as_flattened(),
@@ -230,15 +232,15 @@ mod tests {
                         })
                     })
                     .collect();
-                let borrowed: Vec<&CoarsePixels> = patches.iter().collect();
-                let lanes = normalize_coarse_patches(kind, &image, &borrowed);
-                let odds = coarse_log_odds(&NETWORKS.ball_coarse, kind, &image, &borrowed);
+                let network = &NETWORKS.ball_coarse;
+                let lanes = normalize_coarse_patches(kind, &image, patches.iter());
+                let odds = coarse_log_odds(network, kind, &image, patches.iter());
                 for (lane, pixels) in patches.iter().enumerate() {
                     let single = normalize_one(kind, &image, pixels);
                     for (index, value) in single.into_iter().enumerate() {
                         assert_eq!(lanes[index][lane], value, "{kind:?} {lane} {index}");
                     }
-                    let alone = coarse_log_odds(&NETWORKS.ball_coarse, kind, &image, &[pixels]);
+                    let alone = coarse_log_odds(network, kind, &image, [pixels].into_iter());
                     assert_eq!(odds[lane].to_bits(), alone[0].to_bits());
                 }
             }

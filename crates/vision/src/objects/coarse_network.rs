@@ -27,26 +27,28 @@ impl CoarseNetwork {
 
     /// Log odds of the object in each lane.
     ///
-    /// A unit at a time, by four sums: additions to one sum wait for each other.
+    /// Two units at a time, each by four sums: additions to one sum wait for each other, and more would not stay in registers.
     #[inline(never)]
     pub(crate) fn log_odds<const N: usize>(&self, inputs: &[[f32; N]]) -> [f32; N] {
         let mut odds = [self.output_bias; N];
-        for unit in 0..UNITS {
-            let [mut a, mut b, mut c, mut d] = [[0.0; N]; LANES];
-            let (inputs, _) = inputs.as_chunks::<LANES>();
-            let (rows, _) = self.hidden.as_chunks::<LANES>();
+        let (inputs, _) = inputs.as_chunks::<LANES>();
+        let (rows, _) = self.hidden.as_chunks::<LANES>();
+        for unit in (0..UNITS).step_by(2) {
+            let mut sums = [[[0.0; N]; LANES]; 2];
             for (inputs, rows) in inputs.iter().zip(rows) {
-                accumulate(&mut a, rows[0][unit], &inputs[0]);
-                accumulate(&mut b, rows[1][unit], &inputs[1]);
-                accumulate(&mut c, rows[2][unit], &inputs[2]);
-                accumulate(&mut d, rows[3][unit], &inputs[3]);
+                for ((lane, input), row) in inputs.iter().enumerate().zip(rows) {
+                    accumulate(&mut sums[0][lane], row[unit], input);
+                    accumulate(&mut sums[1][lane], row[unit + 1], input);
+                }
             }
-            let mut hidden = [self.hidden_bias[unit]; N];
-            for lane in [a, b, c, d] {
-                accumulate(&mut hidden, 1.0, &lane);
-            }
-            for (odds, value) in odds.iter_mut().zip(rectify(hidden)) {
-                *odds += value * self.output[unit];
+            for (unit, lanes) in (unit..).zip(sums) {
+                let mut hidden = [self.hidden_bias[unit]; N];
+                for lane in lanes {
+                    accumulate(&mut hidden, 1.0, &lane);
+                }
+                for (odds, value) in odds.iter_mut().zip(rectify(hidden)) {
+                    *odds += value * self.output[unit];
+                }
             }
         }
         odds

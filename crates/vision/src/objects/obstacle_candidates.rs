@@ -175,12 +175,9 @@ impl ObstacleGrid {
         let judged = self.steepest_places(&steep, is_hidden);
         let mut ranked: Vec<(f32, ObstacleCandidate)> = Vec::new();
         for places in judged.chunks(LANES) {
-            let patches: Vec<&CoarsePixels> = places
-                .iter()
-                .map(|&(place, _)| &self.coarse[place])
-                .collect();
+            let patches = places.iter().map(|&(place, _)| &self.coarse[place]);
             let network = &NETWORKS.obstacle_coarse;
-            let odds = coarse_log_odds(network, PatchKind::Obstacle, image, &patches);
+            let odds = coarse_log_odds(network, PatchKind::Obstacle, image, patches);
             for (&(_, candidate), log_odds) in places.iter().zip(odds) {
                 if log_odds >= LOG_ODDS_MIN {
                     ranked.push((log_odds, candidate));
