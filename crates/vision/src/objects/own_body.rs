@@ -15,6 +15,17 @@ const OWN_SHARE: f32 = 0.5;
 pub(crate) struct OwnBody {
     counts: Vec<u32>,
     views: u32,
+    /// Of each ray, what the body hides. Empty while the body is not known.
+    hidden: Vec<HiddenGround>,
+}
+
+/// What the body hides along a ray.
+#[derive(Debug, Clone, Copy)]
+struct HiddenGround {
+    /// One past its last sample.
+    end: usize,
+    /// Range of its last sample, metres; negative if there is none.
+    range: f32,
 }
 
 impl OwnBody {
@@ -22,6 +33,7 @@ impl OwnBody {
         OwnBody {
             counts: vec![0; rays.samples.len()],
             views: 0,
+            hidden: Vec::new(),
         }
     }
 
@@ -34,26 +46,35 @@ impl OwnBody {
                 *count += 1;
             }
         }
+        if self.views >= VIEWS_MIN {
+            self.hidden.clear();
+            self.hidden
+                .extend(rays.starts.array_windows().map(|&[start, end]| {
+                    let hidden = self.counts[start..end]
+                        .iter()
+                        .take_while(|&&count| count as f32 >= OWN_SHARE * self.views as f32);
+                    let samples = start..start + hidden.count();
+                    let last = rays.ranges[samples.clone()].last();
+                    HiddenGround {
+                        end: samples.end,
+                        range: last.copied().unwrap_or(f32::NEG_INFINITY),
+                    }
+                }));
+        }
     }
 
     /// True if the body is known to hide the ground at a distance (metres) in the direction of an azimuth (turns).
-    pub(crate) fn hides(&self, rays: &RadialScan, turns: f32, range: f32) -> bool {
-        let count = rays.count();
-        let ray = (wrap_turns(turns) * count as f32).round() as usize % count;
-        let end = self.end(rays, ray);
-        end.is_some_and(|end| end > rays.starts[ray] && rays.samples[end - 1].range >= range)
+    pub(crate) fn hides(&self, turns: f32, range: f32) -> bool {
+        let count = self.hidden.len();
+        let ray = (wrap_turns(turns) * count as f32).round() as usize;
+        // The last half of a ray's angle belongs to the first ray.
+        let hidden = self.hidden.get(ray).or(self.hidden.first());
+        hidden.is_some_and(|hidden| hidden.range >= range)
     }
 
     /// The first sample of a ray that the body does not hide. None while the body is not known.
-    pub(crate) fn end(&self, rays: &RadialScan, ray: usize) -> Option<usize> {
-        if self.views < VIEWS_MIN {
-            return None;
-        }
-        let start = rays.starts[ray];
-        let own = self.counts[start..rays.starts[ray + 1]]
-            .iter()
-            .take_while(|&&count| count as f32 >= OWN_SHARE * self.views as f32);
-        Some(start + own.count())
+    pub(crate) fn end(&self, ray: usize) -> Option<usize> {
+        self.hidden.get(ray).map(|hidden| hidden.end)
     }
 }
 
@@ -137,8 +158,8 @@ mod tests {
         }
         show(&mut rays, None);
         assert!(touching(&rays, &body).is_empty(), "the body alone");
-        assert!(body.hides(&rays, 0.0, 0.4) && !body.hides(&rays, 0.0, 0.6));
-        assert!(!body.hides(&rays, 0.5, 0.4));
+        assert!(body.hides(0.0, 0.4) && !body.hides(0.0, 0.6));
+        assert!(!body.hides(0.5, 0.4));
         show(&mut rays, Some(robot));
         let found = touching(&rays, &body);
         assert_eq!(found.len(), 2 * (count / 16) + 1);

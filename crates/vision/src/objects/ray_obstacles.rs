@@ -53,6 +53,12 @@ pub(crate) fn find_ray_obstacles(
                 .or_else(|| find_obstacle_beyond_carpet(rays, &carpet_ends[ray], end, config))
         })
         .collect();
+    // In a loop of their own, so that loads from memory overlap: before, each would wait for decisions about its ray.
+    for obstacle in obstacles.iter_mut().flatten() {
+        let [x, y] = rays.samples[obstacle.base_sample].ground;
+        let length = math::hypot(x, y);
+        obstacle.direction = [x / length, y / length];
+    }
     replace_thin_obstacles(&mut obstacles, config);
     smooth_ranges(&obstacles)
 }
@@ -94,7 +100,7 @@ fn find_obstacle_beyond_carpet(
     let last = last.map_or(carpet_end.first_beyond - 1, |last| {
         carpet_end.first_beyond + last
     });
-    let range = (rays.samples[last].range + rays.samples[first].range) / 2.0;
+    let range = (rays.ranges[last] + rays.ranges[first]) / 2.0;
     Some(build_ray_obstacle(rays, first, end, range, solid.is_some()))
 }
 
@@ -127,7 +133,7 @@ fn find_obstacle_at_robot(
     config: &ObjectDetectionConfig,
 ) -> Option<RayObstacle> {
     let end = rays.starts[ray + 1];
-    let own_end = own_body.end(rays, ray);
+    let own_end = own_body.end(ray);
     let start = own_end.unwrap_or(rays.starts[ray]);
     let hidden = rays.hidden_end(ray, start);
     if hidden == start {
@@ -139,7 +145,7 @@ fn find_obstacle_at_robot(
     if own_end.is_some() && 2 * whites > hidden - start {
         return None;
     }
-    let nearest = rays.samples[start].range;
+    let nearest = rays.ranges[start];
     let gap: f32 = (start + 1..hidden)
         .map(|sample| weighted_ground_step(rays, sample))
         .sum();
@@ -151,6 +157,7 @@ fn find_obstacle_at_robot(
     })
 }
 
+/// An obstacle without its direction.
 fn build_ray_obstacle(
     rays: &RadialScan,
     first: usize,
@@ -162,12 +169,10 @@ fn build_ray_obstacle(
         let same = rays.classes[first..end].iter().filter(|&&c| c == wanted);
         same.count() as u32
     };
-    let [x, y] = rays.samples[first].ground;
-    let length = math::hypot(x, y);
     RayObstacle {
         range,
         smoothed_range: range,
-        direction: [x / length, y / length],
+        direction: [0.0; 2],
         solid_base: solid,
         touches_robot: false,
         beyond_own_body: false,

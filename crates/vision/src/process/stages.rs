@@ -43,8 +43,8 @@ impl Vision {
             config: &self.config.objects,
         };
         let rejected = &mut detections.rejected_objects;
-        let (own_body, rays) = (&self.own_body, &self.radial_scan);
-        let is_hidden = |turns, range| own_body.hides(rays, turns, range);
+        let own_body = &self.own_body;
+        let is_hidden = |turns, range| own_body.hides(turns, range);
         detections.robots =
             self.pixel_stage
                 .detect_obstacles(stage_input, robots, is_hidden, rejected);
