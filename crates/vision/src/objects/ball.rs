@@ -340,7 +340,8 @@ pub(crate) fn rays_beside_ball(
 /// True if the carpet ends before a ball's centre on both rays beside it.
 pub(crate) fn ends_before(carpet_end: &[f32], [right, left]: [usize; 2], range: f32) -> bool {
     // The ball hides carpet, so its centre may appear slightly farther.
-    range > 1.02 * carpet_end[right].max(carpet_end[left])
+    let farther = |ray: usize| range > 1.02 * carpet_end[ray];
+    farther(right) & farther(left)
 }
 
 /// Pixels of a whole ball on the ground at a distance and image position: its solid angle over a pixel's.
