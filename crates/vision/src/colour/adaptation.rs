@@ -7,11 +7,12 @@
 use localize::math;
 
 use crate::colour::carpet_model::{CarpetModel, median_colour};
+use crate::colour::lookup_table::ColourClass;
 use crate::config::ColourAdaptationConfig;
 use crate::image::ImageView;
 use crate::lines::detection::LinePointDetection;
 use crate::optics::image_polar::azimuth;
-use crate::scan::pattern::ScanPattern;
+use crate::scan::pattern::ScanSample;
 
 /// Tracked colours of carpet and white.
 #[derive(Debug, Clone)]
@@ -25,7 +26,9 @@ pub(crate) struct ColourAdaptation {
 /// One processed image.
 pub(crate) struct AdaptationInput<'a> {
     pub(crate) image: &'a ImageView<'a>,
-    pub(crate) pattern: &'a ScanPattern,
+    pub(crate) samples: &'a [CarpetSample],
+    /// Their classes in the image.
+    pub(crate) classes: &'a [ColourClass],
     /// Points of markings.
     pub(crate) line_points: &'a [LinePointDetection],
     /// As in the image's detections.
@@ -36,8 +39,27 @@ pub(crate) struct AdaptationInput<'a> {
     pub(crate) centre_px: [f32; 2],
 }
 
-/// Every n-th sample of the pattern is tested: a few hundred suffice for a median.
-const SAMPLE_STEP: usize = 16;
+/// A sample of the scan pattern that may show confirmed carpet. A few hundred suffice for a median.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CarpetSample {
+    /// Column and row.
+    pixel: [u16; 2],
+    /// Metres.
+    range: f32,
+    /// Azimuth sector.
+    sector: u8,
+}
+
+impl CarpetSample {
+    pub(crate) fn new(sample: &ScanSample) -> Self {
+        CarpetSample {
+            pixel: [sample.u, sample.v],
+            range: sample.range,
+            sector: ((sample.azimuth_turns * SECTORS as f32) as usize % SECTORS) as u8,
+        }
+    }
+}
+
 /// Fewest confirmed pixels for a median.
 const MEDIAN_PIXELS_MIN: usize = 20;
 /// A channel above this level is saturated and not compared.
@@ -61,28 +83,28 @@ impl ColourAdaptation {
     pub(crate) fn update(
         &mut self,
         input: &AdaptationInput<'_>,
-        is_carpet: impl Fn(usize) -> bool,
         config: &ColourAdaptationConfig,
     ) -> Option<CarpetModel> {
         let &AdaptationInput {
             image,
-            pattern,
+            samples,
+            classes,
             line_points,
             carpet_end,
             model,
             centre_px,
         } = input;
         let range_max = confirmed_carpet_range(line_points, carpet_end, centre_px);
-        let carpet: Vec<[u8; 3]> = pattern
-            .samples
+        let carpet: Vec<[u8; 3]> = samples
             .iter()
-            .enumerate()
-            .step_by(SAMPLE_STEP)
-            .filter(|&(index, sample)| {
-                let sector = (sample.azimuth_turns * SECTORS as f32) as usize % SECTORS;
-                sample.range < range_max[sector] && is_carpet(index)
+            .zip(classes)
+            .filter(|&(sample, &class)| {
+                class == ColourClass::CARPET && sample.range < range_max[usize::from(sample.sector)]
             })
-            .map(|(_, sample)| image.rgb(usize::from(sample.u), usize::from(sample.v)))
+            .map(|(sample, _)| {
+                let [u, v] = sample.pixel.map(usize::from);
+                image.rgb(u, v)
+            })
             .collect();
         if carpet.len() < MEDIAN_PIXELS_MIN {
             return None;

@@ -130,20 +130,16 @@ impl Vision {
         {
             return;
         }
-        let is_carpet = |index: usize| {
-            let sample = &self.pattern.samples[index];
-            let native = image.native_channels(usize::from(sample.u), usize::from(sample.v));
-            colour_model.lookup_table.class(native) == ColourClass::CARPET
-        };
         let input = AdaptationInput {
             image,
-            pattern: &self.pattern,
+            samples: &self.carpet_samples,
+            classes: &self.subsample_classes,
             line_points: &detections.line_points[..found.marking_points],
             carpet_end: &detections.carpet_end,
             model: &colour_model.carpet_model,
             centre_px: self.centre_px,
         };
-        let changed = colour_model.adaptation.update(&input, is_carpet, config);
+        let changed = colour_model.adaptation.update(&input, config);
         if let Some(model) = changed {
             colour_model.lookup_table = self.build_lookup_table(
                 colour_model.format,

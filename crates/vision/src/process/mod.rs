@@ -7,6 +7,7 @@ mod stages;
 
 use std::sync::Arc;
 
+use crate::colour::adaptation::CarpetSample;
 use crate::colour::carpet_model::CarpetModel;
 use crate::colour::colour_table::ColourTable;
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
@@ -71,6 +72,8 @@ pub struct Vision {
     /// Classifies every [`CARPET_SAMPLE_STRIDE`]-th sample.
     subsample_classifier: PixelClassifier,
     subsample_classes: Vec<ColourClass>,
+    /// The same samples, contiguous in memory.
+    carpet_samples: Vec<CarpetSample>,
     radial_scan: RadialScan,
     own_body: OwnBody,
     pixel_stage: PixelStage,
@@ -156,6 +159,12 @@ impl Vision {
             brightness: BrightnessReader::new(&pattern, map.width_px, map.height_px),
             scan_limits: ScanLimits::new(&pattern, radial_scan.count()),
             sample_classifier: PixelClassifier::new(&pixels, map.height_px),
+            carpet_samples: pattern
+                .samples
+                .iter()
+                .step_by(CARPET_SAMPLE_STRIDE)
+                .map(CarpetSample::new)
+                .collect(),
             subsample_classes: vec![ColourClass::OTHER; subsample.len()],
             subsample_classifier: PixelClassifier::new(&subsample, map.height_px),
             sample_pixels: pixels,
