@@ -4,13 +4,13 @@ mod matrix;
 mod step;
 mod step_fit;
 
-use nalgebra::Vector2;
+use nalgebra::{Complex, Vector2};
 
 pub use self::matrix::{matrix_between, matrix_gain};
 use self::step::STEPS_MIN;
 pub use self::step::{MeasuredStep, STEP_STD, spread, weight};
 use self::step_fit::{KNOWN_FACTOR_STD, StepFit};
-use crate::frames::{RobotFrame, Tf, wrap_angle};
+use crate::frames::{RobotFrame, Tf};
 use crate::math;
 
 /// Shorter steps say little about a direction, metres.
@@ -39,8 +39,8 @@ pub struct OriginOffset {
 /// Unevenly long directions and an offset of the centre are fitted along with it: they turn single steps, and make the angle
 /// uncertain where the robot has driven in one direction only. None for too few steps that agree on an angle.
 pub fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
-    let angle = common_angle(&angles(steps))?;
-    let fit = StepFit::fit(steps, angle, UNKNOWN_FACTOR_STD)?;
+    let direction = common_direction(&directions(steps))?;
+    let fit = StepFit::fit(steps, direction, UNKNOWN_FACTOR_STD)?;
     let scale = math::hypot(fit.factor.re, fit.factor.im);
     let std = fit.variances[0].sqrt() / scale;
     (scale > 0.3).then(|| (math::atan2(fit.factor.im, fit.factor.re), std))
@@ -49,19 +49,19 @@ pub fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
 impl OriginOffset {
     /// Offset by steps of a drive. None for too few steps that agree on an angle or turn in place.
     pub fn measure(steps: &[MeasuredStep]) -> Option<Self> {
-        let angles = angles(steps);
-        let (angle, std) = if angles.len() < STEPS_MIN {
+        let directions = directions(steps);
+        let (direction, std) = if directions.len() < STEPS_MIN {
             // Turns in place tell no angle, but the offset best of all.
             let short = |step: &Tf<RobotFrame, RobotFrame>| math::hypot(step.x, step.y) <= STEP_MIN;
             let in_place = |step: &&MeasuredStep| short(&step.wheels) && short(&step.poses);
             if steps.iter().filter(in_place).count() < STEPS_MIN.max(steps.len() / 2) {
                 return None;
             }
-            (0.0, KNOWN_FACTOR_STD)
+            (Complex::ONE, KNOWN_FACTOR_STD)
         } else {
-            (common_angle(&angles)?, UNKNOWN_FACTOR_STD)
+            (common_direction(&directions)?, UNKNOWN_FACTOR_STD)
         };
-        let fit = StepFit::fit(steps, angle, std)?;
+        let fit = StepFit::fit(steps, direction, std)?;
         // Wheels that measure one direction longer than another turn about another point, too.
         let uneven = BASE_RADIUS * math::hypot(fit.unevenness.re, fit.unevenness.im);
         Some(OriginOffset {
@@ -71,41 +71,35 @@ impl OriginOffset {
     }
 }
 
-/// Angles from the wheels' steps to those of the poses, radians, of steps that have a direction.
-fn angles(steps: &[MeasuredStep]) -> Vec<f32> {
-    let directed = steps.iter().filter(|step| {
-        let (wheels, poses) = (step.wheels, step.poses);
-        let (wheels, poses) = (
-            math::hypot(wheels.x, wheels.y),
-            math::hypot(poses.x, poses.y),
-        );
-        wheels > STEP_MIN && poses > 0.5 * wheels && poses < 2.0 * wheels
-    });
-    let angle = |MeasuredStep { wheels, poses }: &MeasuredStep| {
-        let (across, along) = (
-            wheels.x * poses.y - wheels.y * poses.x,
-            wheels.x * poses.x + wheels.y * poses.y,
-        );
-        math::atan2(across, along)
+/// Directions from the wheels' steps to those of the poses, as unit complex numbers, of steps that have one.
+fn directions(steps: &[MeasuredStep]) -> Vec<Complex<f32>> {
+    let direction = |MeasuredStep { wheels, poses }: &MeasuredStep| {
+        let wheels = Complex::new(wheels.x, wheels.y);
+        let quotient = Complex::new(poses.x, poses.y) * wheels.conj();
+        let squared = wheels.norm_sqr();
+        let length = quotient.norm_sqr().sqrt();
+        let directed = squared > STEP_MIN * STEP_MIN;
+        (directed && length > 0.5 * squared && length < 2.0 * squared).then(|| quotient / length)
     };
-    directed.map(angle).collect()
+    steps.iter().filter_map(direction).collect()
 }
 
-/// The angle on which most agree. None for too few, and if fewer than half agree.
-fn common_angle(angles: &[f32]) -> Option<f32> {
-    if angles.len() < STEPS_MIN {
+/// The direction on which most agree. None for too few, and if fewer than half agree.
+fn common_direction(directions: &[Complex<f32>]) -> Option<Complex<f32>> {
+    if directions.len() < STEPS_MIN {
         return None;
     }
-    let near = |one: f32| {
-        let others = angles.iter();
-        let same = others.filter(|other| wrap_angle(*other - one).abs() < SAME_DIRECTION);
-        same.count()
+    let same = math::cos(SAME_DIRECTION);
+    let near = |one: Complex<f32>| {
+        let others = directions.iter();
+        let near = others.filter(|other| one.re * other.re + one.im * other.im > same);
+        near.count()
     };
-    let (angle, agreeing) = angles
+    let (direction, agreeing) = directions
         .iter()
         .map(|one| (*one, near(*one)))
         .max_by_key(|(_, count)| *count)?;
-    (2 * agreeing >= angles.len()).then_some(angle)
+    (2 * agreeing >= directions.len()).then_some(direction)
 }
 
 #[cfg(test)]

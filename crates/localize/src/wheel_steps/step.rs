@@ -20,11 +20,12 @@ pub struct MeasuredStep {
 
 /// Standard deviation of errors by their median, so that outliers do not count.
 pub fn spread(errors: &[f32]) -> f32 {
-    let mut sorted = errors.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    sorted
-        .get(sorted.len() / 2)
-        .map_or(0.0, |median| 1.2 * median)
+    if errors.is_empty() {
+        return 0.0;
+    }
+    let mut errors = errors.to_vec();
+    let middle = errors.len() / 2;
+    1.2 * *errors.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
 /// Weight of an error in standard deviations: an outlier has next to none.

@@ -11,6 +11,8 @@ const UNEVEN_STD: f32 = 0.04;
 const OFFSET_STD: f32 = 0.5;
 /// Standard deviation of the factor from the motion of wheels in order to that of the poses.
 pub(super) const KNOWN_FACTOR_STD: f32 = 0.2;
+/// Passes end with a smaller change: metres, shares.
+const SAME_FIT: f32 = 1e-4;
 
 /// What makes the wheels' steps those of the poses. Numbers of the plane are complex: x + iy.
 pub(super) struct StepFit {
@@ -25,13 +27,12 @@ pub(super) struct StepFit {
 }
 
 impl StepFit {
-    /// Fits steps, with a factor that is expected to be a turn by `angle`, up to `std`.
+    /// Fits steps, with a factor that is expected to be `direction`, up to `std`.
     ///
     /// Turns tell a step with slip as well as positions do.
-    pub(super) fn fit(steps: &[MeasuredStep], angle: f32, std: f32) -> Option<Self> {
+    pub(super) fn fit(steps: &[MeasuredStep], direction: Complex<f32>, std: f32) -> Option<Self> {
         let steps: Vec<ComplexStep> = steps.iter().map(ComplexStep::new).collect();
-        let expected = Complex::new(math::cos(angle), math::sin(angle));
-        let mut fitted = Vector3::new(expected, Complex::ZERO, Complex::ZERO);
+        let mut fitted = Vector3::new(direction, Complex::ZERO, Complex::ZERO);
         let mut turn_factor = 1.0;
         let prior =
             Vector3::new(std, UNEVEN_STD, OFFSET_STD).map(|std| Complex::from(1.0 / (std * std)));
@@ -47,7 +48,7 @@ impl StepFit {
             }
             let spread = (spread(&errors) * freedom.sqrt()).max(1.0);
             let mut information = Matrix3::from_diagonal(&prior);
-            let mut vector = Vector3::new(expected * prior[0], Complex::ZERO, Complex::ZERO);
+            let mut vector = Vector3::new(direction * prior[0], Complex::ZERO, Complex::ZERO);
             let (mut turn_information, mut turn_vector) = (turn_prior, turn_prior);
             for (error, step) in errors.iter().zip(&steps) {
                 let weight = weight(error / spread) / (spread * spread);
@@ -61,9 +62,13 @@ impl StepFit {
                 turn_vector += step.turns.0 * step.turns.1 * share;
             }
             let covariance = information.try_inverse()?;
+            let before = fitted;
             fitted = covariance * vector;
             turn_factor = turn_vector / turn_information;
             variances = [0, 1, 2].map(|k| covariance[(k, k)].re);
+            if (fitted - before).norm_squared() < SAME_FIT * SAME_FIT {
+                break;
+            }
         }
         let [factor, unevenness, offset] = fitted.into();
         Some(StepFit {
@@ -104,8 +109,7 @@ impl ComplexStep {
     /// Error of a fit, in standard deviations that are expected.
     fn error(&self, fitted: &Vector3<Complex<f32>>, turn_factor: f32) -> f32 {
         let error = self.terms().dot(fitted) - self.poses;
-        let position = math::hypot(error.re, error.im);
-        let turn = turn_factor * self.turns.0 - self.turns.1;
-        math::hypot(position / STEP_STD.0, turn / STEP_STD.1)
+        let turn = (turn_factor * self.turns.0 - self.turns.1) / STEP_STD.1;
+        (error.norm_sqr() / (STEP_STD.0 * STEP_STD.0) + turn * turn).sqrt()
     }
 }
