@@ -4,6 +4,7 @@
 //! with all samples since (docs/methods.md 8.10).
 
 use super::motion_inputs::{MotionInputs, MotionMeasurement};
+use super::stuck_compass::StuckCompass;
 use super::{BUFFERED_MAX, LastOdometry, Localizer, Snapshot};
 use crate::filter::{PoseFilter, PredictionInput};
 use crate::omni::Twist;
@@ -42,6 +43,7 @@ impl Localizer {
             self.count_out_of_order();
             return;
         }
+        self.stuck_compass.add_odometry(sample);
         self.out_of_order_count = 0;
         let [x, y, theta] = motion.map(|value| value / interval as f32);
         self.last_odometry = Some(LastOdometry {
@@ -73,6 +75,8 @@ impl Localizer {
     pub fn add_imu(&mut self, sample: &Imu) {
         let values = sample.specific_force.iter().chain(&sample.angular_velocity);
         if values.copied().all(f32::is_finite) {
+            let [_, _, bias] = self.motion_inputs.attitude.gyro_bias();
+            self.stuck_compass.add_imu(sample, bias);
             self.receive(MotionMeasurement::Imu(*sample));
         }
     }
@@ -88,8 +92,13 @@ impl Localizer {
         }
     }
 
-    /// Adds a compass reading, unless the magnetic field is disturbed. It decides the field half and gives the global search its heading prior.
+    /// Adds a compass reading, unless the magnetic field is disturbed or the compass hangs. It decides the field half and gives the
+    /// global search its heading prior.
     pub fn add_compass(&mut self, sample: &Compass) {
+        if self.stuck_compass.takes(sample) {
+            self.last_compass = None;
+            return;
+        }
         let Some(heading) = self.config.compass.heading(sample) else {
             return;
         };
@@ -319,6 +328,7 @@ impl Localizer {
             self.lose_pose();
             self.last_odometry = None;
             self.last_compass = None;
+            self.stuck_compass = StuckCompass::default();
             self.motion_inputs = MotionInputs::default();
             self.filter_stamp = Stamp(i64::MIN);
             self.particles_stamp = Stamp(i64::MIN);

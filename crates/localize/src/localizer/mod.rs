@@ -19,6 +19,7 @@ mod motion_inputs;
 mod output;
 mod own_motion;
 mod state;
+mod stuck_compass;
 mod supported_points;
 mod team_sightings;
 mod tilt_bias;
@@ -57,6 +58,7 @@ use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
 use own_motion::OwnMotion;
 use state::{GlobalCheck, State};
+use stuck_compass::StuckCompass;
 pub use team_sightings::{
     SightingDirection, SightingOutcome, SightingPair, SightingRival, TeamSighting,
 };
@@ -122,6 +124,7 @@ pub struct Localizer {
     odometry_continuous: bool,
     out_of_order_count: u32,
     last_compass: Option<Compass>,
+    stuck_compass: StuckCompass,
     /// Goals in the image of this stamp.
     pending_goals: Option<(Stamp, Vec<GoalObservation>)>,
     tilt_bias: TiltBias,
@@ -232,6 +235,7 @@ impl Localizer {
             last_odometry: None,
             odometry_continuous: false,
             last_compass: None,
+            stuck_compass: StuckCompass::default(),
             coloured_goals: ColouredGoals::new(field),
             pending_goals: None,
             mean_inlier_share: 0.0,
