@@ -9,7 +9,7 @@ use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, Hypothesis, half_turn};
 use crate::map_correction::MapCorrection;
 use crate::matching::distance_field::DistanceField;
-use crate::matching::{Match, MatchStart, Matcher};
+use crate::matching::{Match, MatchStart, Matcher, TYPICAL_RANGE};
 use crate::math;
 use crate::sample::{GoalObservation, LinePoint};
 
@@ -255,7 +255,9 @@ impl Candidate {
             self.checked = CheckedMarkings::default();
             self.advised_direction = None;
         }
-        let start_error = self.filter.position_std() + 3.0 * self.filter.heading_std();
+        let start_error = self.filter.position_std()
+            + TYPICAL_RANGE * self.filter.heading_std()
+            + matcher.tilt_displacement();
         let tilt_prior = TiltPrior::Independent(matcher.tilt_std());
         let matched = matcher.refine_with_prior(
             measurements.distances,

@@ -15,13 +15,11 @@ use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::global_search::heading_histogram::histogram_heading;
 use crate::global_search::scan_map::CellMatch;
-use crate::matching::{Match, MatchStart, PosePrior};
+use crate::matching::{Match, MatchStart, PosePrior, TYPICAL_RANGE};
 use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
-/// Range of a typical line point, metres.
-const TYPICAL_RANGE: f32 = 3.0;
 /// Share of `inlier_share_min` below which a match under the prediction is due to chance.
 const CHANCE_SHARE: f32 = 0.5;
 
@@ -201,8 +199,9 @@ impl Localizer {
     /// no sensor reported. The filter's covariance is then inflated.
     fn match_points(&mut self, filter: &mut PoseFilter, points: &[LinePoint]) -> TrackedMatch {
         let prior = filter.pose_prior(self.tilt_prior);
-        let start_error =
-            filter.position_std() + TYPICAL_RANGE * filter.heading_std() + self.tilt_displacement();
+        let start_error = filter.position_std()
+            + TYPICAL_RANGE * filter.heading_std()
+            + self.matcher.tilt_displacement();
         let start = MatchStart::new(start_error);
         let mut matched =
             self.matcher
@@ -287,12 +286,6 @@ impl Localizer {
             }
         }
         best
-    }
-
-    /// Displacement of a typical point by the standard deviation of the tilt, metres (docs/methods.md 3.1).
-    fn tilt_displacement(&self) -> f32 {
-        let height = self.config.matching.viewpoint_height;
-        self.matcher.tilt_std() * TYPICAL_RANGE * TYPICAL_RANGE / height
     }
 
     /// Is the inlier share too low, absolutely or against its mean?

@@ -29,6 +29,9 @@ use point_spread::{PointSpread, Residual};
 pub use repeated_errors::Repetition;
 use repeated_errors::{Remainder, RepeatedErrors};
 
+/// Range of a typical line point, metres.
+pub(crate) const TYPICAL_RANGE: f32 = 3.0;
+
 /// Predicted pose before the line points are used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosePrior {
@@ -168,6 +171,11 @@ impl Matcher {
     /// Standard deviation of the tilt beyond the compensation of the points, radians.
     pub fn tilt_std(&self) -> f32 {
         self.config.tilt_std_deg.to_radians().max(1e-5)
+    }
+
+    /// Displacement of a typical point by the standard deviation of the tilt, metres (docs/methods.md 3.1).
+    pub(crate) fn tilt_displacement(&self) -> f32 {
+        self.tilt_std() * TYPICAL_RANGE * TYPICAL_RANGE / self.config.viewpoint_height
     }
 
     /// Negative log probability of a tilt by its prior, up to a constant.
