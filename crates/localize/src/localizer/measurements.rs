@@ -95,7 +95,7 @@ impl Localizer {
     /// Adds a compass reading, unless the magnetic field is disturbed or the compass hangs. It decides the field half and gives the
     /// global search its heading prior.
     pub fn add_compass(&mut self, sample: &Compass) {
-        if self.stuck_compass.takes(sample) {
+        if self.stuck_compass.hangs_at(sample) {
             self.last_compass = None;
             return;
         }

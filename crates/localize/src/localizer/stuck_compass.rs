@@ -37,7 +37,7 @@ impl StuckCompass {
     /// Takes a reading. Does the compass hang?
     ///
     /// Wheels spin and a gyro drifts, so the robot has turned if all sources say so.
-    pub(super) fn takes(&mut self, sample: &Compass) -> bool {
+    pub(super) fn hangs_at(&mut self, sample: &Compass) -> bool {
         let reading = Some((sample.heading, sample.magnetic_field));
         if self.reading != reading {
             *self = StuckCompass {
@@ -79,7 +79,7 @@ mod tests {
                 compass.add_imu(&imu, 0.0);
             }
             let heading = reading(0.01 * k as f32);
-            compass.takes(&Compass {
+            compass.hangs_at(&Compass {
                 stamp,
                 heading,
                 magnetic_field: None,
