@@ -52,14 +52,22 @@ fn predict_and_update(
     filter.update_wheels(&increment, config);
 }
 
+/// Noise of unit variance.
+fn noise_source() -> impl FnMut() -> f32 {
+    let mut state = 1u32;
+    move || {
+        let uniform = (0..12).map(|_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+        });
+        uniform.sum()
+    }
+}
+
 #[test]
 fn noise_of_slow_wheels_does_not_shrink_their_scale() {
     let (mut filter, config) = stationary_filter();
-    let mut state = 1u32;
-    let mut uniform = move || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 24) as f32 - 0.5
-    };
+    let mut noise = noise_source();
     let (amplitude, frequency) = (0.3, std::f32::consts::PI);
     for step in 0..6000 {
         let time = step as f32 * DT;
@@ -67,12 +75,38 @@ fn noise_of_slow_wheels_does_not_shrink_their_scale() {
         let acceleration = (speed(time + DT) - speed(time)) / DT;
         let mean = 0.5 * (speed(time) + speed(time + DT));
         // 2 mm in each sample of 2 mm on average.
-        let noise = 0.002 * (0..12).map(|_| uniform()).sum::<f32>() / DT;
-        let wheels = [mean + noise, 0.0, 0.0];
+        let wheels = [mean + 0.002 * noise() / DT, 0.0, 0.0];
         predict_and_update(&mut filter, [acceleration, 0.0], [0.0; 3], wheels, &config);
     }
     let scale = filter.state[super::odometry_correction::entry(0, 0)];
     assert!((scale - 1.0).abs() < 0.05, "{scale}");
+}
+
+/// Encoders count whole ticks, so the error of a sample returns with the opposite sign in the next one.
+#[test]
+fn ticks_of_a_creeping_robot_do_not_shrink_its_scales() {
+    let (mut filter, config) = stationary_filter();
+    let mut noise = noise_source();
+    for _ in 0..50 {
+        let force = [0.15 * noise(), 0.15 * noise()];
+        predict_and_update(&mut filter, force, [0.0; 3], [0.0; 3], &config);
+        filter.zero_velocity_update(DT);
+    }
+    let (velocity, tick) = ([0.02, 0.0, 0.017_f32], [5e-5, 5e-5, 2e-4_f32]);
+    let ticks_at = |step: usize| {
+        let time = step as f32 * DT;
+        [0, 1, 2].map(|k| (velocity[k] * time / tick[k] + 0.3).floor())
+    };
+    for step in 0..1000 {
+        let (before, after) = (ticks_at(step), ticks_at(step + 1));
+        let wheels = [0, 1, 2].map(|k| (after[k] - before[k]) * tick[k] / DT);
+        let force = [0.15 * noise(), 0.15 * noise()];
+        let rates = [0.0, 0.0, velocity[2] + 0.005 * noise()];
+        predict_and_update(&mut filter, force, rates, wheels, &config);
+    }
+    for scale in filter.scales() {
+        assert!((scale - 1.0).abs() < 0.05, "{scale}");
+    }
 }
 
 #[test]

@@ -18,6 +18,9 @@ const LOST_INTERVALS_MAX: f32 = 20.0;
 /// Shortest motion that has a direction, metres.
 const DIRECTED_MOTION_MIN: f32 = 1e-5;
 
+/// Time over which the velocity is smoothed at which the correction is learned, seconds: ten samples, and less than an acceleration lasts.
+const VELOCITY_SMOOTHING_TIME: f32 = 0.1;
+
 /// Nonzero entries of a row of H: increment, slip and correction of two components at most.
 type Jacobian = [(usize, f32); 10];
 
@@ -45,6 +48,7 @@ impl JointFilter {
         if !increment.imu_active || self.collision.accepts_wheels(&mismatch, &config.collision) {
             self.add_wheel_step(measured);
             self.update_increment(measured, share * increment.slip, config);
+            self.smooth_velocity(measured);
             self.clamp_scales();
         } else {
             self.interrupt_steps();
@@ -82,11 +86,12 @@ impl JointFilter {
         let slip = rolling * slip * slip;
         let variances = [slip, slip, 0.0];
         let variances = [0, 1, 2].map(|k| terms[k].iter().sum::<f32>() + variances[k]);
-        let expected = self.expected_motion(measured, axes.into_iter().zip(variances));
+        // Without the sample's own error, which is in the innovation.
+        let usual = self.usual_velocity.map(|value| self.wheel_interval * value);
         for (direction, axis) in axes.into_iter().enumerate() {
             let (terms, variance) = (terms[direction], variances[direction]);
             let innovation = self.wheel_innovation(measured, axis);
-            let (jacobian, count) = self.wheel_jacobian(expected, axis);
+            let (jacobian, count) = self.wheel_jacobian(usual, axis);
             let total = self.update_scalar(&jacobian[..count], innovation, variance);
             if self.imu_active {
                 // Without an inertial unit the prediction is deliberately vague, and the innovation says nothing.
@@ -96,6 +101,14 @@ impl JointFilter {
             // The posterior's variance P R/(P + R) grows with R by (P/(P + R))².
             let share = ((total - variance) / total.max(f32::MIN_POSITIVE)).powi(2);
             self.wheel_noise.add_variances(direction, terms, share);
+        }
+    }
+
+    /// Takes a sample's velocity into the usual one.
+    fn smooth_velocity(&mut self, measured: [f32; 3]) {
+        let share = 1.0 - math::exp(-self.wheel_interval / VELOCITY_SMOOTHING_TIME);
+        for (usual, motion) in self.usual_velocity.iter_mut().zip(measured) {
+            *usual += share * (motion / self.wheel_interval - *usual);
         }
     }
 
@@ -109,27 +122,6 @@ impl JointFilter {
             .filter(|&i| axis[i] != 0.0)
             .map(|i| axis[i] * innovation(i))
             .sum()
-    }
-
-    /// The motion between a measured and the predicted one, by their variances along each axis.
-    ///
-    /// The correction is learned from it: with the measured motion its noise would count as motion that the inertial unit does not
-    /// see, and the scales would shrink.
-    fn expected_motion(
-        &self,
-        measured: [f32; 3],
-        axes: impl Iterator<Item = ([f32; 3], f32)>,
-    ) -> [f32; 3] {
-        let mut expected = measured;
-        for (axis, variance) in axes {
-            let predicted = self.predicted_variance(axis);
-            let share = variance / (predicted + variance).max(f32::MIN_POSITIVE);
-            let innovation = self.wheel_innovation(measured, axis);
-            for (expected, axis) in expected.iter_mut().zip(axis) {
-                *expected -= axis * share * innovation;
-            }
-        }
-        expected
     }
 
     /// Variance of the predicted wheel motion Δ + T s along `axis`.
