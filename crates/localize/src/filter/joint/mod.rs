@@ -69,8 +69,8 @@ pub struct JointFilter {
     wheel_noise: WheelNoiseEstimate,
     collision: CollisionDetector,
     turning_steps: TurningSteps,
-    /// Velocity (x, y, θ) by the wheels over the last samples, m/s and rad/s.
-    usual_velocity: [f32; 3],
+    /// Of the wheels, (x, y, θ), m/s and rad/s.
+    smoothed_velocity: [f32; 3],
     /// Errors of team-mates that corrected the pose lately.
     mate_errors: Option<Box<MateErrors>>,
 }
@@ -144,7 +144,7 @@ impl JointFilter {
             wheel_noise,
             collision: CollisionDetector::default(),
             turning_steps,
-            usual_velocity: [0.0; 3],
+            smoothed_velocity: [0.0; 3],
             mate_errors: None,
         }
     }

@@ -18,8 +18,8 @@ const LOST_INTERVALS_MAX: f32 = 20.0;
 /// Shortest motion that has a direction, metres.
 const DIRECTED_MOTION_MIN: f32 = 1e-5;
 
-/// Time over which the velocity is smoothed at which the correction is learned, seconds: ten samples, and less than an acceleration lasts.
-const VELOCITY_SMOOTHING_TIME: f32 = 0.1;
+/// Time over which the wheels' velocity is smoothed at which their correction and noise are learned, seconds: a few samples.
+const VELOCITY_SMOOTHING_TIME: f32 = 0.05;
 
 /// Nonzero entries of a row of H: increment, slip and correction of two components at most.
 type Jacobian = [(usize, f32); 10];
@@ -48,7 +48,6 @@ impl JointFilter {
         if !increment.imu_active || self.collision.accepts_wheels(&mismatch, &config.collision) {
             self.add_wheel_step(measured);
             self.update_increment(measured, share * increment.slip, config);
-            self.smooth_velocity(measured);
             self.clamp_scales();
         } else {
             self.interrupt_steps();
@@ -75,7 +74,8 @@ impl JointFilter {
         } else {
             1.0
         };
-        let noise = config.wheel_noise(measured, self.wheel_interval);
+        let smooth = self.smooth_motion(measured);
+        let noise = config.wheel_noise(smooth, self.wheel_interval);
         let variances = self.wheel_noise.variances(&noise);
         let axes = [
             [along.x, along.y, 0.0],
@@ -86,12 +86,10 @@ impl JointFilter {
         let slip = rolling * slip * slip;
         let variances = [slip, slip, 0.0];
         let variances = [0, 1, 2].map(|k| terms[k].iter().sum::<f32>() + variances[k]);
-        // Without the sample's own error, which is in the innovation.
-        let usual = self.usual_velocity.map(|value| self.wheel_interval * value);
         for (direction, axis) in axes.into_iter().enumerate() {
             let (terms, variance) = (terms[direction], variances[direction]);
             let innovation = self.wheel_innovation(measured, axis);
-            let (jacobian, count) = self.wheel_jacobian(usual, axis);
+            let (jacobian, count) = self.wheel_jacobian(smooth, axis);
             let total = self.update_scalar(&jacobian[..count], innovation, variance);
             if self.imu_active {
                 // Without an inertial unit the prediction is deliberately vague, and the innovation says nothing.
@@ -104,12 +102,18 @@ impl JointFilter {
         }
     }
 
-    /// Takes a sample's velocity into the usual one.
-    fn smooth_velocity(&mut self, measured: [f32; 3]) {
-        let share = 1.0 - math::exp(-self.wheel_interval / VELOCITY_SMOOTHING_TIME);
-        for (usual, motion) in self.usual_velocity.iter_mut().zip(measured) {
-            *usual += share * (motion / self.wheel_interval - *usual);
+    /// Takes a sample into the smoothed velocity. Returns the motion at the mean of that before and after.
+    ///
+    /// The smoothed velocity before lags behind the sample's error, the one after leads: both would correlate with the innovation, their
+    /// mean does not.
+    fn smooth_motion(&mut self, measured: [f32; 3]) -> [f32; 3] {
+        let interval = self.wheel_interval;
+        let share = 1.0 - math::exp(-interval / VELOCITY_SMOOTHING_TIME);
+        let before = self.smoothed_velocity;
+        for (velocity, motion) in self.smoothed_velocity.iter_mut().zip(measured) {
+            *velocity += share * (motion / interval - *velocity);
         }
+        [0, 1, 2].map(|k| 0.5 * interval * (before[k] + self.smoothed_velocity[k]))
     }
 
     /// Innovation 0 − h(x) along `axis`, with h = Δ + T s − C m: increment, slip and corrected measurement.
