@@ -177,13 +177,23 @@ impl BlockTaps {
     fn set(&mut self, left: usize, stride: usize, flow: [f32; 2]) {
         self.count = tap_count(flow);
         let per = 1.0 / self.count as f32;
-        for (tap, offset) in self.offsets[..self.count].iter_mut().enumerate() {
+        let (left, stride) = (left as i32, stride as i32);
+        // Those beyond the last tap, too, so that the loop becomes one of vectors.
+        for (tap, offset) in self.offsets.iter_mut().enumerate() {
             let part = (tap as f32 + 0.5) * per - 0.5;
-            let [across, down] = flow.map(|pixels| (part * pixels).round() as isize);
-            let column = left.saturating_add_signed(across).min(stride - BLOCK);
-            *offset = (BORDER.saturating_add_signed(down) * stride + column) as u32;
+            let [across, down] = flow.map(|pixels| round_to_i32(part * pixels));
+            let column = (left + across).max(0).min(stride - BLOCK as i32);
+            *offset = ((BORDER as i32 + down) * stride + column) as u32;
         }
     }
+}
+
+/// The nearest integer of a number within ± 4 million, without the checks of a cast.
+#[inline(always)]
+fn round_to_i32(number: f32) -> i32 {
+    // Adding 1.5·2²³ leaves the rounded value in the lowest bits.
+    const ROUND: f32 = 12_582_912.0;
+    (number + ROUND).to_bits() as i32 - ROUND.to_bits() as i32
 }
 
 impl BlockRay {
