@@ -118,14 +118,25 @@ fn object_reaches_no_block_that_does_not_find_it_when_the_robot_tilts_and_rocks(
                 side: [1.0; 3],
                 cap: [1.0; 3],
             });
-            let culling = Culling::new([solid.reach(&margins)].into_iter());
+            let reach = solid.reach(&margins);
+            let culling = Culling::new([reach].into_iter());
             let (mut moved, mut found) = (MovedBlock::new(), Vec::new());
             for (block, rays) in fixture.blocks.blocks.iter().zip(&fixture.blocks.rays) {
                 culling.find(&fixture.lattice.view(block), &mut found);
                 moved.clear();
                 let of_block = moved.of(block, rays, &transform, fixture.height_px);
-                let mut light = [[[0.0; LANES]; LANES]; 3];
-                solid.draw(of_block, [0.0, 1.0], &mut light);
+                let draw = |rows: u32| {
+                    let mut light = [[[0.0; LANES]; LANES]; 3];
+                    solid.draw(of_block, rows, [0.0, 1.0], &mut light);
+                    light
+                };
+                let light = draw(u32::from(u8::MAX));
+                // The rows between its slopes are all that it covers.
+                let of_rows = draw(of_block.rows_between(reach.slope));
+                let pairs = light.as_flattened().iter().zip(of_rows.as_flattened());
+                for (all, some) in pairs.flat_map(|(all, some)| all.iter().zip(some)) {
+                    assert!(all - some < 0.01, "{x} {y}: {all} {some}");
+                }
                 let most = brightest(&light);
                 assert!(most < 0.01 || !found.is_empty(), "{x} {y}: {most}");
                 met += usize::from(most > 0.01);

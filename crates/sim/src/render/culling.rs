@@ -20,7 +20,8 @@ pub(super) struct Reach {
     towards: [f32; 2],
     /// Cosine and sine of half its width in azimuth; `WIDE` for all azimuths.
     half_angle: [f32; 2],
-    slope: [f32; 2],
+    /// Lowest and highest slope.
+    pub(super) slope: [f32; 2],
 }
 
 /// Compares below the cosine of any angle.

@@ -3,7 +3,7 @@
 use localize::field::{FieldConfig, GoalColour};
 use localize::frames::{At, Pose, RobotFrame, Tf};
 
-use super::culling::{Culling, ReachMargins};
+use super::culling::{Culling, Reach, ReachMargins};
 use super::environment::Environment;
 use super::panels::Panel;
 use super::scene::{Scene, SceneBall};
@@ -29,6 +29,8 @@ const NET: [f32; 2] = [0.12, 0.008];
 pub(super) struct DrawList {
     pub(super) primitives: Vec<(f32, Primitive)>,
     pub(super) shadows: Vec<Shadow>,
+    /// Lowest and highest slope of rays that may meet each primitive.
+    pub(super) slopes: Vec<[f32; 2]>,
     /// The rays that may meet each primitive, and each shadow.
     pub(super) primitive_culling: Culling,
     pub(super) shadow_culling: Culling,
@@ -55,6 +57,7 @@ impl DrawList {
         let draw_list = DrawList {
             primitives: Vec::new(),
             shadows: Vec::new(),
+            slopes: Vec::new(),
             primitive_culling: Culling::default(),
             shadow_culling: Culling::default(),
             light_direction: [cos * lx - sin * ly, sin * lx + cos * ly],
@@ -80,9 +83,11 @@ impl DrawList {
         let mut draw_list = builder.list;
         // The sort is stable: parts of one robot keep their order, from the ground up.
         draw_list.primitives.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let primitives = draw_list.primitives.iter();
-        draw_list.primitive_culling =
-            Culling::new(primitives.map(|(_, primitive)| primitive.reach(margins)));
+        let reaches: Vec<Reach> = (draw_list.primitives.iter())
+            .map(|(_, primitive)| primitive.reach(margins))
+            .collect();
+        draw_list.slopes = reaches.iter().map(|reach| reach.slope).collect();
+        draw_list.primitive_culling = Culling::new(reaches.into_iter());
         let shadows = draw_list.shadows.iter();
         draw_list.shadow_culling = Culling::new(shadows.map(|shadow| shadow.reach(margins)));
         draw_list

@@ -69,6 +69,16 @@ pub(super) fn any_positive(lanes: &Lanes) -> bool {
     Vector::new(*lanes).simd_gt(splat(0.0)).any()
 }
 
+/// The numbers of the set bits, from the lowest on.
+#[inline(always)]
+pub(super) fn set_bits(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let bit = (bits != 0).then(|| bits.trailing_zeros() as usize);
+        bits &= bits.wrapping_sub(1);
+        bit
+    })
+}
+
 /// The higher half of a number's bits, rounded.
 pub(super) fn high_bits(number: f32) -> u16 {
     ((number.to_bits() + 0x8000) >> 16) as u16

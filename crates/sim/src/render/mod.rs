@@ -240,8 +240,10 @@ impl Renderer {
             draw_list.primitive_culling.find(&view, found);
             for primitive in &*found {
                 let rays = moved.of(block, rays, &transform, self.size_px[1]);
-                let (_, primitive) = &draw_list.primitives[*primitive as usize];
-                primitive.draw(rays, draw_list.light_direction, &mut light);
+                let index = *primitive as usize;
+                let rows = rays.rows_between(draw_list.slopes[index]);
+                let (_, primitive) = &draw_list.primitives[index];
+                primitive.draw(rays, rows, draw_list.light_direction, &mut light);
             }
             self.image.write([block.column, block.row], &light);
         }

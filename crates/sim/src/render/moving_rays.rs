@@ -131,6 +131,18 @@ impl MovedBlock {
         self
     }
 
+    /// Bits of the rows with footprints that reach between two slopes.
+    #[inline(always)]
+    pub(super) fn rows_between(&self, [low, high]: [f32; 2]) -> u32 {
+        let (low, high) = (splat(low), splat(high));
+        (0..LANES).fold(0, |rows, row| {
+            let slope = Vector::new(self.rows[row].slope);
+            let half = splat(0.5) * Vector::new(self.spacing[1][row]);
+            let overlap = (slope + half - low).fast_min(high - (slope - half));
+            rows | (u32::from(overlap.simd_gt(splat(0.0)).any()) << row)
+        })
+    }
+
     /// Moves the rays of a block. `ROLLS`: rows differ in their rotation.
     fn set<const ROLLS: bool>(
         &mut self,

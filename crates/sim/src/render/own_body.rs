@@ -3,7 +3,7 @@
 use localize::robot::BodyConfig;
 
 use super::blocks::Blocks;
-use super::culling::{Culling, ReachMargins};
+use super::culling::{Culling, Reach, ReachMargins};
 use super::draw_list::linear;
 use super::lanes::LANES;
 use super::lattice::Lattice;
@@ -48,7 +48,10 @@ impl OwnBody {
             .into_iter()
             .map(Primitive::Solid)
             .collect();
-        let culling = Culling::new(primitives.iter().map(|primitive| primitive.reach(&margins)));
+        let reaches: Vec<Reach> = (primitives.iter())
+            .map(|primitive| primitive.reach(&margins))
+            .collect();
+        let culling = Culling::new(reaches.iter().copied());
         let mut own = OwnBody {
             overlay: vec![Vec::new(); height_px.next_multiple_of(LANES)],
             cells: Vec::new(),
@@ -65,7 +68,9 @@ impl OwnBody {
             let [black, white] = [0.0, 1.0].map(|level| {
                 let mut light = [[[level; LANES]; LANES]; 3];
                 for index in &found {
-                    primitives[*index as usize].draw(moved, [0.0, 1.0], &mut light);
+                    let index = *index as usize;
+                    let rows = moved.rows_between(reaches[index].slope);
+                    primitives[index].draw(moved, rows, [0.0, 1.0], &mut light);
                 }
                 light
             });

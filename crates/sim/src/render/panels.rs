@@ -1,7 +1,7 @@
 //! How are nets and low walls drawn? As upright rectangles.
 
 use super::culling::Cylinder;
-use super::lanes::{BlockLight, LANES, any_positive, blend, edge_coverage};
+use super::lanes::{BlockLight, LANES, any_positive, blend, edge_coverage, set_bits};
 use super::moving_rays::{MovedBlock, RayLanes};
 
 /// An upright rectangle between two points, robot frame: a net or a wall.
@@ -27,13 +27,13 @@ impl Panel {
         }
     }
 
-    pub(super) fn draw(&self, rays: &MovedBlock, light: &mut BlockLight) {
+    pub(super) fn draw(&self, rays: &MovedBlock, rows: u32, light: &mut BlockLight) {
         match self.mesh {
-            Some([mesh, cord]) => self.draw_rows(rays, light, |at, width| {
+            Some([mesh, cord]) => self.draw_rows(rays, rows, light, |at, width| {
                 1.0 - (1.0 - net_coverage(at[0], mesh, cord, width[0]))
                     * (1.0 - net_coverage(at[1], mesh, cord, width[1]))
             }),
-            None => self.draw_rows(rays, light, |_, _| 1.0),
+            None => self.draw_rows(rays, rows, light, |_, _| 1.0),
         }
     }
 
@@ -43,17 +43,18 @@ impl Panel {
     fn draw_rows(
         &self,
         rays: &MovedBlock,
+        rows: u32,
         light: &mut BlockLight,
         solid: impl Fn([f32; 2], [f32; 2]) -> f32,
     ) {
         let (ex, ey) = (self.to[0] - self.from[0], self.to[1] - self.from[1]);
         let length = ex.hypot(ey).max(1e-6);
-        for (row, of_row) in rays.rows.iter().enumerate() {
+        for row in set_bits(rows) {
             let RayLanes {
                 origin: [ox, oy, oz],
                 direction: [tx, ty],
                 slope,
-            } = of_row;
+            } = &rays.rows[row];
             let [spacing, slope_spacing] = rays.spacing.each_ref().map(|of| &of[row]);
             let (mut part, mut at, mut width) =
                 ([0.0; LANES], [[0.0; LANES]; 2], [[0.0; LANES]; 2]);

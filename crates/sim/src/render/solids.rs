@@ -1,7 +1,9 @@
 //! How are objects drawn? Upright prisms with antialiased edges, over what is behind them.
 
 use super::culling::{Cylinder, Reach, ReachMargins};
-use super::lanes::{BlockLight, LANES, Lanes, any_positive, edge_coverage, larger, share, smaller};
+use super::lanes::{
+    BlockLight, LANES, Lanes, any_positive, edge_coverage, larger, set_bits, share, smaller,
+};
 use super::moving_rays::{MovedBlock, RayLanes};
 use super::panels::Panel;
 use super::spheres::Sphere;
@@ -79,31 +81,40 @@ impl Primitive {
                 bottom: solid.bottom,
                 top: solid.top,
             },
+            // Its footprints are as wide as the mean of both spacings, and so may reach farther than slopes tell.
             Primitive::Sphere(sphere) => sphere.cylinder(),
             Primitive::Panel(panel) => panel.cylinder(),
         };
         Reach::new(&cylinder, margins)
     }
 
-    /// Draws over what is behind.
+    /// Draws over what is behind, on the rows whose bits are set.
     pub(super) fn draw(
         &self,
         rays: &MovedBlock,
+        rows: u32,
         light_direction: LightDirection,
         light: &mut BlockLight,
     ) {
         match self {
-            Primitive::Solid(solid) => solid.draw(rays, light_direction, light),
+            Primitive::Solid(solid) => solid.draw(rays, rows, light_direction, light),
+            // Its footprints are as wide as the mean of both spacings, and so may reach farther than slopes tell.
             Primitive::Sphere(sphere) => sphere.draw(rays, light),
-            Primitive::Panel(panel) => panel.draw(rays, light),
+            Primitive::Panel(panel) => panel.draw(rays, rows, light),
         }
     }
 }
 
 impl Solid {
-    fn draw(&self, rays: &MovedBlock, light_direction: LightDirection, light: &mut BlockLight) {
+    fn draw(
+        &self,
+        rays: &MovedBlock,
+        rows: u32,
+        light_direction: LightDirection,
+        light: &mut BlockLight,
+    ) {
         match self.outline {
-            Outline::Circle { radius } => self.draw_rows(rays, light, |ray| {
+            Outline::Circle { radius } => self.draw_rows(rays, rows, light, |ray| {
                 chord_of_circle(radius, light_direction, ray)
             }),
             Outline::Box { half, cos, sin } => {
@@ -112,7 +123,7 @@ impl Solid {
                     cos * light_direction[0] + sin * light_direction[1],
                     cos * light_direction[1] - sin * light_direction[0],
                 ];
-                self.draw_rows(rays, light, |ray| {
+                self.draw_rows(rays, rows, light, |ray| {
                     chord_of_box(half, (sin, cos), light_direction, ray)
                 });
             }
@@ -124,15 +135,16 @@ impl Solid {
     fn draw_rows(
         &self,
         rays: &MovedBlock,
+        rows: u32,
         light: &mut BlockLight,
         chord: impl Fn(RayOffset) -> Chord,
     ) {
-        for (row, of_row) in rays.rows.iter().enumerate() {
+        for row in set_bits(rows) {
             let RayLanes {
                 origin: [ox, oy, oz],
                 direction: [tx, ty],
                 slope,
-            } = of_row;
+            } = &rays.rows[row];
             let [spacing, slope_spacing] = rays.spacing.each_ref().map(|of| &of[row]);
             let (mut covered, mut entry, mut exit): (Lanes, Lanes, Lanes) = Default::default();
             let mut shading = [0.0; LANES];
