@@ -31,7 +31,7 @@ const FLOOR_CARPET_MIN: usize = 6;
 /// Fewest of four samples at 0.85 radii around the centre that are not carpet. Lines are narrower than a ball.
 const INNER_OTHERS_MIN: usize = 2;
 /// Candidates whose pixels the convolution networks judge, and their least log odds by the coarse network.
-const CANDIDATES_MAX: usize = 12;
+const CANDIDATES_MAX: usize = 24;
 const LOG_ODDS_MIN: f32 = 1.0;
 /// Largest view angle of a ball, radians: far beyond the carpet.
 const VIEW_ANGLE_MAX: f32 = 1.5;
