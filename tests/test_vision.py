@@ -55,6 +55,12 @@ def test_ball_is_detected_within_15_cm(camera: Camera, ground: GroundMap, first:
     assert np.hypot(seen.ball["x_m"][0] - x, seen.ball["y_m"][0] - y) < 0.15
 
 
+@pytest.mark.parametrize("frame", ["000", "007", "008"])
+def test_pole_beside_the_carpet_is_no_ball(camera: Camera, ground: GroundMap, frame: str) -> None:
+    seen = vision.see(image(SEQUENCE / f"frames/{frame}.jpg"), map=ground, camera=camera)
+    assert len(seen.ball) == 1
+
+
 def test_line_points_agree_with_the_ground_map(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
     points = vision.see(first, map=ground, camera=camera).points
     assert len(points) > 100

@@ -1,5 +1,5 @@
 //! Where could a ball lie? A grid of places in steps of two thirds of a ball's radius, judged in four steps: something
-//! else than carpet before the carpet's end, as large as a ball with carpet before it, the coarse network, the convolution
+//! else than carpet within reach, as large as a ball with carpet before it, the coarse network, the convolution
 //! networks.
 //!
 //! The ball's colour plays no part. Few of several thousand places pass the first two steps, which read classes alone.
@@ -61,13 +61,20 @@ impl GridPlace {
     }
 }
 
-/// What tells whether the carpet ends before a place.
+/// What tells whether a place is within reach.
 #[derive(Debug, Clone, Copy)]
 struct PlaceGround {
     /// Distance of the contact point, metres.
     range: f32,
-    /// Rays of the carpet's end beside the ball.
+    /// Rays beside the ball.
     rays: [u16; 2],
+}
+
+impl PlaceGround {
+    /// True if ranges along the rays end before the place.
+    fn is_beyond(&self, ranges: &[f32]) -> bool {
+        ends_before(ranges, self.rays.map(usize::from), self.range)
+    }
 }
 
 /// The places at which balls are sought.
@@ -155,28 +162,32 @@ impl BallGrid {
 
     /// Places that may show a ball, best first by the coarse network, at most [`CANDIDATES_MAX`].
     ///
-    /// `carpet_end`: range of the carpet's boundary along each ray, metres.
+    /// `carpet_end`: range of the carpet's boundary along each ray, metres. `reach`: likewise to where a ball may lie, beyond
+    /// it; places before it come first.
     pub(crate) fn find_candidates(
         &self,
         image: &ImageView<'_>,
         table: &ColourLookupTable,
         carpet_end: &[f32],
+        reach: &[f32],
     ) -> Vec<BallCandidate> {
-        let judged = self.find_places(image, table, carpet_end);
-        let mut ranked: Vec<(f32, BallCandidate)> = Vec::new();
+        let judged = self.find_places(image, table, reach);
+        let mut ranked: Vec<(bool, f32, BallCandidate)> = Vec::new();
         for places in judged.chunks(LANES) {
             let patches = places.iter().map(|&place| &self.coarse[place as usize]);
             let network = &NETWORKS.ball_coarse;
             let odds = coarse_log_odds(network, PatchKind::Ball, image, patches);
             for (&place, log_odds) in places.iter().zip(odds) {
                 if log_odds >= LOG_ODDS_MIN {
-                    ranked.push((log_odds, self.places[place as usize].candidate()));
+                    let place = place as usize;
+                    let beyond = self.ground[place].is_beyond(carpet_end);
+                    ranked.push((beyond, log_odds, self.places[place].candidate()));
                 }
             }
         }
-        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        ranked.sort_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)));
         let mut best: Vec<BallCandidate> = Vec::new();
-        for (_, candidate) in ranked {
+        for (_, _, candidate) in ranked {
             if best.len() == CANDIDATES_MAX {
                 break;
             }
@@ -187,18 +198,19 @@ impl BallGrid {
         best
     }
 
-    /// Places before the carpet's end that show something else than carpet, as large as a ball, with carpet before it.
+    /// Places within reach that show something else than carpet, as large as a ball, with carpet before it.
     fn find_places(
         &self,
         image: &ImageView<'_>,
         table: &ColourLookupTable,
-        carpet_end: &[f32],
+        reach: &[f32],
     ) -> Vec<u32> {
         let mut found: Vec<u32> = Vec::with_capacity(self.ground.len());
-        found.extend((0..).zip(&self.ground).filter_map(|(place, ground)| {
-            let beyond = ends_before(carpet_end, ground.rays.map(usize::from), ground.range);
-            (!beyond).then_some(place)
-        }));
+        found.extend(
+            (0..)
+                .zip(&self.ground)
+                .filter_map(|(place, ground)| (!ground.is_beyond(reach)).then_some(place)),
+        );
         let classes = PlaceClasses { image, table };
         classes.retain(
             &mut found,

@@ -4,6 +4,7 @@ pub mod ball;
 pub(crate) mod ball_candidates;
 mod ball_fit;
 pub(crate) mod carpet_end;
+mod carpet_hull;
 mod coarse_batch;
 mod coarse_network;
 mod covariance;

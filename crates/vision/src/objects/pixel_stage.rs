@@ -2,6 +2,8 @@
 //!
 //! Candidates come from grids that know no colour, and from the detectors of the ball's colour and of the carpet's end.
 
+use std::f32::consts::TAU;
+
 use localize::frames::At;
 use localize::math;
 use localize::robot::CameraConfig;
@@ -13,6 +15,7 @@ use crate::image::ImageView;
 use crate::objects::ball::BallDetection;
 use crate::objects::ball_candidates::{BallCandidate, BallGrid, separation};
 use crate::objects::ball_fit::fit_ball;
+use crate::objects::carpet_hull::CarpetHull;
 use crate::objects::covariance::covariance_from_polar;
 use crate::objects::obstacle_candidates::{ObstacleCandidate, ObstacleGrid, is_same};
 use crate::objects::obstacle_edges::{measure_width, refine_foot};
@@ -47,6 +50,7 @@ pub(crate) struct PixelStage {
     angles: ViewAngles,
     balls: BallGrid,
     obstacles: ObstacleGrid,
+    carpet_hull: CarpetHull,
 }
 
 /// Probability by the mean of two log odds.
@@ -81,19 +85,24 @@ impl PixelStage {
         PixelStage {
             balls: BallGrid::new(&angles, config, size, is_visible),
             obstacles: ObstacleGrid::new(&angles, config, size, is_visible),
+            carpet_hull: CarpetHull::new(config.ray_count),
             angles,
         }
     }
 
-    /// All balls on the ground, best first. `carpet_end`: see [`BallGrid::find_candidates`].
+    /// All balls on the ground, best first.
+    ///
+    /// `carpet_end`: range of the carpet's boundary along each ray, metres. `obstacles`: robots and people.
     pub(crate) fn detect_balls(
         &self,
         input: PixelStageInput<'_>,
         carpet_end: &[f32],
+        obstacles: &[RobotDetection],
     ) -> Vec<BallDetection> {
-        let candidates = self
-            .balls
-            .find_candidates(input.image, input.lookup_table, carpet_end);
+        let reach = self.ball_reach(carpet_end, obstacles);
+        let candidates =
+            self.balls
+                .find_candidates(input.image, input.lookup_table, carpet_end, &reach);
         let candidates = self
             .balls
             .judge(input.image, candidates, PROBABILITY_BEFORE_FIT);
@@ -112,6 +121,24 @@ impl PixelStage {
         let mut balls: Vec<BallDetection> = balls.into_iter().map(|(_, ball)| ball).collect();
         balls.sort_by(|a, b| b.score.total_cmp(&a.score));
         balls
+    }
+
+    /// Range to which a ball may lie along each ray, metres: to the end of the carpet, and also beyond what ends the view
+    /// of it, but for obstacles, which hide balls.
+    fn ball_reach(&self, carpet_end: &[f32], obstacles: &[RobotDetection]) -> Vec<f32> {
+        let mut reach = self.carpet_hull.ranges(carpet_end);
+        let count = carpet_end.len() as i32;
+        for obstacle in obstacles {
+            let azimuth = self.obstacles.azimuth_of(obstacle.position_px);
+            let half = math::atan2(0.5 * obstacle.width, obstacle.edge.distance());
+            let [first, last] =
+                [azimuth - half, azimuth + half].map(|azimuth| azimuth / TAU * count as f32);
+            for ray in first.floor() as i32..=last.ceil() as i32 {
+                let ray = ray.rem_euclid(count) as usize;
+                reach[ray] = carpet_end[ray];
+            }
+        }
+        reach
     }
 
     /// The ball that its colour gave, if its pixels do not contradict. One in the air or at the robot's feet looks unlike

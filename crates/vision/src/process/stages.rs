@@ -59,9 +59,10 @@ impl Vision {
             carpet_end: &detections.carpet_end,
             centre_px: self.centre_px,
         };
+        let (carpet_end, robots) = (&detections.carpet_end, &detections.robots);
         let mut balls = self
             .pixel_stage
-            .detect_balls(stage_input, &detections.carpet_end);
+            .detect_balls(stage_input, carpet_end, robots);
         if balls.is_empty() {
             // In the air, at the robot's feet, or farther than the network looks: the ball's colour finds it.
             let seeds = self.radial_scan.ball_seeds(&self.config.objects);
