@@ -20,12 +20,10 @@ fn from_io(source: &std::io::Error, message: String) -> PyErr {
 
 pub(crate) fn profile(error: &ProfileError) -> PyErr {
     let message = error.to_string();
-    if let ProfileError::Read { source, .. } = error
-        && let csv::ErrorKind::Io(io) = source.kind()
-    {
-        return from_io(io, message);
+    match error {
+        ProfileError::Read { source, .. } => from_io(source, message),
+        _ => PyValueError::new_err(message),
     }
-    PyValueError::new_err(message)
 }
 
 pub(crate) fn map(error: &GroundMapError) -> PyErr {

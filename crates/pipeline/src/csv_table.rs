@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use localize::input_file;
+use vision::csv_error::reason;
 use vision::output_file::OutputFile;
 
 use crate::table_input::{COMMENT, ReadingProgress, TableInput};
@@ -98,19 +99,6 @@ impl CsvTable {
             line: *line,
             record,
         })
-    }
-}
-
-fn reason(error: &csv::Error) -> String {
-    match error.kind() {
-        csv::ErrorKind::UnequalLengths {
-            expected_len, len, ..
-        } => {
-            format!("has {len} fields, the header has {expected_len}")
-        }
-        csv::ErrorKind::Io(error) => error.to_string(),
-        csv::ErrorKind::Utf8 { .. } => "is not UTF-8 text".to_owned(),
-        _ => error.to_string(),
     }
 }
 

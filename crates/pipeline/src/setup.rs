@@ -230,10 +230,12 @@ fn load_colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourT
     })?))
 }
 
-/// The ground map: `map` if given, else the robot's calibrated map, else a map traced from the mirror profile.
 /// A robot sees ground nearer than this, metres.
 const NEAREST_GROUND_MAX: f32 = 5.0;
+/// Share of the rim's radius in the image up to which a whole profile reaches, wherever it is mounted.
+const PROFILE_REACH_MIN: f64 = 0.75;
 
+/// The ground map: `map` if given, else the robot's calibrated map, else a map traced from the mirror profile.
 fn load_ground_map(
     robot_file: &Path,
     robot: &RobotConfig,
@@ -253,6 +255,8 @@ fn load_ground_map(
             let camera = camera.camera().with_context(|| no_axis(robot_file))?;
             let rays = optics::trace_rays(&camera, &profile, &Mount::default())
                 .with_context(|| robot_file.display().to_string())?;
+            ensure_reaches_rim(&profile, &camera)
+                .with_context(|| mirror.profile.display().to_string())?;
             (rays.ground_map(), mirror.profile.clone())
         }
         (None, None) => bail!(
@@ -269,4 +273,22 @@ fn load_ground_map(
         source.display()
     );
     Ok(map)
+}
+
+/// Fails for a profile that ends far inside the rim: the pixels beyond show no ground, and the map would be blamed for it.
+fn ensure_reaches_rim(profile: &Profile, camera: &CameraConfig) -> Result<()> {
+    let (Some(rim_px), Some(focal_px), Some(pinhole)) =
+        (camera.outer_radius_px, camera.focal_px, camera.height)
+    else {
+        return Ok(());
+    };
+    let (_, radius) = profile.radii();
+    let above_pinhole = profile.height_and_slope(radius).0 - f64::from(pinhole);
+    let reach_px = f64::from(focal_px) * radius / above_pinhole;
+    ensure!(
+        above_pinhole <= 0.0 || reach_px >= PROFILE_REACH_MIN * f64::from(rim_px),
+        "the last line has radius {radius} m, which appears {reach_px:.0} pixels from the mirror's centre (expected the mirror's rim, \
+         camera.outer_radius_px = {rim_px}). The file is cut, or focal_px or height of the camera is wrong"
+    );
+    Ok(())
 }

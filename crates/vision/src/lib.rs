@@ -11,6 +11,7 @@
 )]
 
 pub mod config;
+pub mod csv_error;
 pub mod error;
 pub mod image;
 pub mod output_file;

@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use crate::colour::lookup_table::{CLASS_NAMES, ColourClass};
+use crate::csv_error;
 use crate::error::VisionError;
 use crate::image::{Image, rgb_to_yuv};
 use crate::output_file::write_file;
@@ -79,9 +80,11 @@ pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .from_reader(text.as_slice());
-    let header = reader
-        .headers()
-        .map_err(|error| refuse(error.to_string()))?;
+    let refuse_line = |error: csv::Error| {
+        let line = csv_error::line(&error);
+        refuse(format!("line {line}: {}", csv_error::reason(&error)))
+    };
+    let header = reader.headers().map_err(refuse_line)?;
     if header.iter().ne(["file", "u", "v", "class"]) {
         let found = header.iter().collect::<Vec<_>>().join(",");
         return Err(refuse(format!(
@@ -92,7 +95,7 @@ pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
     let mut labels = Vec::new();
     let mut open: Option<(String, Image)> = None;
     for record in reader.records() {
-        let record = record.map_err(|error| refuse(error.to_string()))?;
+        let record = record.map_err(refuse_line)?;
         let line = record.position().map_or(0, csv::Position::line);
         let number = |column: usize| {
             record[column]

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use localize::input_file::{self, TEXT_BYTES_MAX};
 
+use crate::csv_error;
+
 /// A mirror of revolution about the camera's axis: height above the ground over radius.
 ///
 /// ```
@@ -34,8 +36,8 @@ pub enum ProfileError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The CSV reader's error.
-        source: csv::Error,
+        /// The system's error.
+        source: std::io::Error,
     },
     /// A line of the file is not a valid sample.
     #[error("{}: line {line}: {reason}", path.display())]
@@ -64,6 +66,9 @@ const SAMPLES_MIN: usize = 5;
 /// Larger radii and heights mean that the file is not in metres.
 const RADIUS_MAX: f64 = 2.0;
 const HEIGHT_MAX: f64 = 10.0;
+
+/// A steeper rise between two samples is no mirror, but a number whose end is missing.
+const SLOPE_MAX: f64 = 50.0;
 
 /// Radii and heights up to which a profile that is not in metres is in centimetres.
 const CENTIMETRES_MAX: [f64; 2] = [50.0, 200.0];
@@ -126,6 +131,19 @@ impl Profile {
                     "the profile folds back: each radius must exceed the one before",
                 );
             }
+            if index > 0 {
+                let [rise, run] =
+                    [&height, &radius].map(|values| values[index] - values[index - 1]);
+                if rise.abs() > SLOPE_MAX * run {
+                    let [before, here] = [height[index - 1], height[index]];
+                    return refuse(
+                        index,
+                        &format!(
+                            "height {here} after {before} (expected a slope below {SLOPE_MAX}): a cut number?"
+                        ),
+                    );
+                }
+            }
         }
         let slope = akima_slopes(&radius, &height);
         Ok(Profile {
@@ -137,20 +155,20 @@ impl Profile {
 
     /// Reads `radius_m,height_m` (height above the ground) from a CSV file.
     pub fn load(path: &Path) -> Result<Self, ProfileError> {
-        let read = |source| ProfileError::Read {
-            path: path.to_owned(),
-            source,
-        };
         let at = |line, reason: String| ProfileError::Line {
             path: path.to_owned(),
             line,
             reason,
         };
-        let text = input_file::read(path, TEXT_BYTES_MAX).map_err(|error| read(error.into()))?;
+        let not_a_row = |error: csv::Error| at(csv_error::line(&error), csv_error::reason(&error));
+        let text = input_file::read(path, TEXT_BYTES_MAX).map_err(|source| ProfileError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .from_reader(text.as_slice());
-        let header = reader.headers().map_err(read)?;
+        let header = reader.headers().map_err(not_a_row)?;
         if header.iter().ne(["radius_m", "height_m"]) {
             let found = header.iter().collect::<Vec<_>>().join(",");
             return Err(at(
@@ -160,7 +178,7 @@ impl Profile {
         }
         let (mut radius, mut height, mut lines) = (Vec::new(), Vec::new(), Vec::new());
         for record in reader.records() {
-            let record = record.map_err(read)?;
+            let record = record.map_err(not_a_row)?;
             let line = record.position().map_or(0, csv::Position::line);
             let number = |column: usize| {
                 record[column]
@@ -310,19 +328,43 @@ mod tests {
         }
     }
 
-    #[test]
-    fn non_monotonic_radius_is_rejected_with_its_line() {
+    /// What is said of a file, without its path.
+    fn refusal(content: &[u8]) -> String {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("mirror.csv");
-        std::fs::write(
-            &path,
-            "radius_m,height_m\n0,0.8\n0.01,0.81\n0.02,0.82\n0.015,0.83\n0.03,0.84\n",
-        )
-        .expect("written");
-        let message = Profile::load(&path).expect_err("folds").to_string();
-        assert!(
-            message.contains("line 5") && message.contains("folds back"),
-            "{message}"
-        );
+        std::fs::write(&path, content).expect("written");
+        let message = Profile::load(&path).expect_err("refused").to_string();
+        let place = format!("{}: ", path.display());
+        let reason = message.strip_prefix(&place);
+        reason.unwrap_or_else(|| panic!("{message}")).to_owned()
+    }
+
+    #[test]
+    fn non_monotonic_radius_is_rejected_with_its_line() {
+        let message =
+            refusal(b"radius_m,height_m\n0,0.8\n0.01,0.81\n0.02,0.82\n0.015,0.83\n0.03,0.84\n");
+        assert!(message.starts_with("line 5: the profile folds back"));
+    }
+
+    #[test]
+    fn cut_profile_is_rejected_with_its_last_line() {
+        let whole = "radius_m,height_m\n0,0.8\n0.001,0.801\n0.002,0.802\n0.003,0.803\n0.004,0.804\n0.005,0.805";
+        for (cut, reason) in [
+            (7, "line 7: has 1 fields, the header has 2"),
+            (5, "line 7: \"\": cannot parse float from empty string"),
+            (
+                4,
+                "line 7: height 0 after 0.804 (expected a slope below 50): a cut number?",
+            ),
+        ] {
+            let message = refusal(&whole.as_bytes()[..whole.len() - cut]);
+            assert_eq!(message, reason);
+        }
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_are_rejected_with_their_line() {
+        let message = refusal(b"radius_m,height_m\n0,0.8\n0.01,\xff\n");
+        assert_eq!(message, "line 3: is not UTF-8 text");
     }
 }
