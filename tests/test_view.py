@@ -88,6 +88,15 @@ def test_every_panel_layout_draws_a_log(display: str, log: Path, tmp_path: Path,
     assert len(colours) > 500, "an image of the floor has many colours, an empty window few"
 
 
+def test_missing_file_is_named_before_a_missing_display(tmp_path: Path) -> None:
+    if not has_view():
+        pytest.skip("mirrorball was built without its view")
+    for arguments in (["nosuch.mcap"], ["--with", "nosuch.mcap"], ["--layout", "nosuch.json"]):
+        done = subprocess.run([PROGRAM, "view", *arguments], capture_output=True, text=True, env=environment(tmp_path, None))
+        assert done.returncode == 1 and len(done.stderr.splitlines()) == 1, done.stderr
+        assert "nosuch" in done.stderr and "No such file" in done.stderr, done.stderr
+
+
 def test_view_without_display_gives_one_line_error(tmp_path: Path) -> None:
     if not has_view():
         pytest.skip("mirrorball was built without its view")

@@ -59,7 +59,7 @@ mod window;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use layout::PanelLayout;
 use layout_file::SavedLayout;
 use session::Session;
@@ -121,6 +121,11 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             "invalid time: {seconds} (expected finite seconds)"
         );
     }
+    for source in args.source.iter().chain(&args.beside) {
+        ensure_exists(source)?;
+    }
+    let layout_file = args.layout.as_deref().map(SavedLayout::load).transpose()?;
+    // Before a recording is computed or a simulation starts.
     window::require_display()?;
     let mut session = match &args.source {
         Some(path) => Session::open(path)?,
@@ -137,7 +142,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     }
     let options = window::WindowOptions {
         layout: args.preset.map(Task::preset),
-        layout_file: args.layout.as_deref().map(SavedLayout::load).transpose()?,
+        layout_file,
         screenshot: args.screenshot.clone(),
         close_after: args.leave_after,
         ..window::WindowOptions::default()
@@ -152,8 +157,17 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     Ok(())
 }
 
+/// Fails for a file that is not there: no display would show it.
+fn ensure_exists(source: &Path) -> Result<()> {
+    if !source::is_stream_address(source) {
+        std::fs::metadata(source).with_context(|| format!("cannot read {}", source.display()))?;
+    }
+    Ok(())
+}
+
 /// Shows a log, and recomputes its run for comparison with the recorded one.
 pub(crate) fn show_recomputed(log: &Path) -> Result<()> {
+    ensure_exists(log)?;
     window::require_display()?;
     let mut session = Session::open(log)?;
     session.start_recompute();
