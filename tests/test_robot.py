@@ -151,14 +151,26 @@ def test_killed_run_loses_at_most_one_second_of_log_and_the_wheels_stop(tmp_path
     assert commands["ran_out"] >= 1 and commands["last_driving_s"] < killed + 0.1
 
 
-def test_run_starts_without_devices_and_doctor_names_the_remedy(tmp_path: Path) -> None:
-    sim = hardware(tmp_path / "robot")
+def switch_off(folder: Path) -> None:
+    """A robot none of whose devices is there."""
+    sim = hardware(folder)
     sim.kill()
     sim.communicate()
     for device in ("base", "wit", "camera"):
-        (tmp_path / "robot" / device).unlink(missing_ok=True)
-    report = ended(start("run", "--robot", tmp_path / "robot", "--duration", 1, "--json"))
-    assert [device["state"] for device in report["devices"]] == ["absent"] * 3
+        (folder / device).unlink(missing_ok=True)
+
+
+def test_run_waits_for_devices_and_fails_if_none_answers_within_its_duration(tmp_path: Path) -> None:
+    switch_off(tmp_path / "robot")
+    run = start("run", "--robot", tmp_path / "robot", "--duration", 1, "--json")
+    out, err = run.communicate(timeout=60)
+    assert [device["state"] for device in json.loads(out)["devices"]] == ["absent"] * 3
+    assert run.returncode == 1 and "no device delivered anything in 1." in err.splitlines()[-1], err
+    assert "(base: absent, camera: absent, imu: absent). `mirrorball doctor" in err and "0 Hz" not in err, err
+
+
+def test_doctor_names_the_remedy_of_absent_devices(tmp_path: Path) -> None:
+    switch_off(tmp_path / "robot")
     doctor = start("doctor", "--robot", tmp_path / "robot", "--logs", tmp_path, "--json")
     out, err = doctor.communicate(timeout=60)
     assert doctor.returncode == 1 and "keep" in err

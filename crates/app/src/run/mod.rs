@@ -22,7 +22,7 @@ pub(crate) mod teleop;
 pub(crate) mod tuning;
 mod wake_probe;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use serde::Serialize;
 
 use crate::commands::arguments::{UsageError, ensure_distinct_outputs};
@@ -82,6 +82,17 @@ fn run_robot(
         "{}",
         report.outputs_lost.join("; ")
     );
+    // Without a given duration the run waits for its devices until it is stopped.
+    if args.duration.is_some()
+        && let Some(devices) = report.silent_devices()
+        && let Some(robot) = &args.robot
+    {
+        bail!(
+            "no device delivered anything in {:.1} s ({devices}). `mirrorball doctor --robot {}` names the remedy",
+            report.seconds,
+            robot.display()
+        );
+    }
     Ok(())
 }
 

@@ -299,15 +299,18 @@ impl RunStatus {
             Some((mode, None)) => mode_name(mode).to_owned(),
             None => "no cycle yet".to_owned(),
         };
-        let mut line = format!(
-            "{:8.1} s  {pose}  latency {:.1} ms (99 %: {:.1})",
-            self.elapsed(),
-            self.latency.summary().median,
-            self.latency.summary().p99
-        );
+        let mut line = format!("{:8.1} s  {pose}", self.elapsed());
+        if self.frames > 0 {
+            let LatencySummary { median, p99, .. } = self.latency.summary();
+            line += &format!("  latency {median:.1} ms (99 %: {p99:.1})");
+        }
         for health in devices {
             let state = match health.state {
-                HealthState::Running => format!("{:.0} Hz", health.rate_hz),
+                HealthState::Running if health.rate_hz > 0.0 => {
+                    format!("{:.0} Hz", health.rate_hz)
+                }
+                // The first second has no rate yet.
+                HealthState::Running => "running".to_owned(),
                 other => state_name(other).to_uppercase(),
             };
             line += &format!("  {} {state}", health.device);
@@ -383,6 +386,16 @@ impl Default for RunStatus {
 }
 
 impl RunReport {
+    /// The devices with their states, if there are some and none ever delivered anything.
+    pub(crate) fn silent_devices(&self) -> Option<String> {
+        let states = self
+            .devices
+            .iter()
+            .map(|health| format!("{}: {}", health.device, state_name(health.state)));
+        let delivered = self.frames > 0 || self.devices.iter().any(|health| health.messages > 0);
+        (!delivered && !self.devices.is_empty()).then(|| states.collect::<Vec<_>>().join(", "))
+    }
+
     /// Prints the report.
     pub(crate) fn print(&self) {
         println!(
@@ -395,11 +408,13 @@ impl RunReport {
                 times.median, times.p99, times.max
             );
         };
-        times("exposure to pose", self.latency_ms);
-        times("  image arrival", self.arrival_ms);
-        times("  vision", self.see_ms);
-        times("  localization", self.localize_ms);
-        times("exposure to ball and robots", self.cycle_latency_ms);
+        if self.frames > 0 {
+            times("exposure to pose", self.latency_ms);
+            times("  image arrival", self.arrival_ms);
+            times("  vision", self.see_ms);
+            times("  localization", self.localize_ms);
+            times("exposure to ball and robots", self.cycle_latency_ms);
+        }
         times("a sleeping thread woke late by", self.wake_up_ms);
         println!("{:.1} MB of memory", self.memory_mb);
         for warning in &self.warnings {
@@ -489,5 +504,33 @@ impl OperatorNotices {
             }
             _ => None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn status_line_states_no_rate_and_no_latency_before_they_are_known() {
+        let mut camera = HealthReport {
+            device: "camera".to_owned(),
+            state: HealthState::Running,
+            reason: None,
+            rate_hz: 0.0,
+            last: None,
+            messages: 1,
+            garbage_bytes: 0,
+            damaged: 0,
+            reopened: 0,
+            faults: 0,
+        };
+        let mut status = RunStatus::new();
+        let line = status.format_status_line(None, std::slice::from_ref(&camera));
+        assert!(line.ends_with("s  no cycle yet  camera running"), "{line}");
+        camera.rate_hz = 30.2;
+        status.frames = 1;
+        let line = status.format_status_line(None, &[camera]);
+        assert!(line.contains("latency") && line.ends_with("camera 30 Hz"));
     }
 }
