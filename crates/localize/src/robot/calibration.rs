@@ -1,11 +1,17 @@
 //! What calibration measured of one robot: files that robot.toml includes, and their effect on samples.
 
+use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use super::value_checks::{TURN_DEG, check_finite, check_positive, check_within};
 use crate::math;
 use crate::sample::{Imu, Odometry};
 use crate::sensors::compass_calibration::CompassCalibration;
+
+/// Largest element of a matrix of the wheels: those of wheels five times as large as the base believes, or of a base turned on the robot.
+const ELEMENT_MAX: f32 = 5.0;
+/// Smallest determinant of such a matrix: that of wheels a fifth as large.
+const DETERMINANT_MIN: f32 = 0.008;
 
 /// `[odometry]`: correction of the wheels' motion, as `calibrate wheels` writes it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -90,22 +96,23 @@ impl OdometryCalibration {
     }
 
     pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
+        let refuse = |reason: String| Err(("odometry.matrix", reason));
+        let range = -ELEMENT_MAX..=ELEMENT_MAX;
         for (row, values) in self.matrix.iter().enumerate() {
             for (column, value) in values.iter().enumerate() {
-                let (lowest, highest) = if row == column {
-                    (0.5, 2.0)
-                } else {
-                    (-2.0, 2.0)
-                };
-                if !(lowest..=highest).contains(value) {
-                    let reason = format!(
-                        "row {}, column {}: {value} (expected {lowest} to {highest})",
+                if !range.contains(value) {
+                    return refuse(format!(
+                        "row {}, column {}: {value} (expected {} to {ELEMENT_MAX})",
                         row + 1,
-                        column + 1
-                    );
-                    return Err(("odometry.matrix", reason));
+                        column + 1,
+                        -ELEMENT_MAX
+                    ));
                 }
             }
+        }
+        let matrix = Matrix3::from_fn(|row, column| self.matrix[row][column]);
+        if matrix.determinant().abs() < DETERMINANT_MIN {
+            return refuse("a motion is lost (expected rows that differ and are not 0)".to_owned());
         }
         Ok(())
     }
@@ -187,4 +194,33 @@ pub fn rotation_from_rpy([roll, pitch, yaw]: [f32; 3]) -> [[f32; 3]; 3] {
 
 fn multiply(rows: &[[f32; 3]; 3], vector: [f32; 3]) -> [f32; 3] {
     rows.map(|row| row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refusal(matrix: [[f32; 3]; 3]) -> Option<String> {
+        let refused = OdometryCalibration { matrix }.check().err();
+        refused.map(|(_, reason)| reason)
+    }
+
+    #[test]
+    fn matrix_of_wheels_of_half_and_of_twice_the_size_and_of_a_turned_base_is_accepted() {
+        for [x, y, turn] in [[2.07; 3], [0.48; 3], [-1.0, -1.0, 1.0]] {
+            let matrix = [[x, 0.02, 0.0], [0.01, y, 0.0], [0.0, 0.0, turn]];
+            assert_eq!(refusal(matrix), None);
+        }
+        let exchanged = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+        assert_eq!(refusal(exchanged), None);
+    }
+
+    #[test]
+    fn matrix_that_loses_a_motion_or_is_in_another_unit_is_refused() {
+        let lost = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+        assert!(refusal(lost).is_some_and(|reason| reason.contains("a motion is lost")));
+        let degrees = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 57.3]];
+        let reason = refusal(degrees).expect("degrees");
+        assert_eq!(reason, "row 3, column 3: 57.3 (expected -5 to 5)");
+    }
 }
