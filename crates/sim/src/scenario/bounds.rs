@@ -334,10 +334,17 @@ mod tests {
         assert_eq!(check_numbers(&scenario), Ok(()));
     }
 
-    #[test]
-    fn fault_of_a_wheel_that_is_not_there_is_refused() {
+    /// Why the demo with another value of a key is refused.
+    fn refusal_of_demo(key: &str, value: toml::Value) -> String {
         let text = std::fs::read_to_string(DEMO).expect("a scenario");
         let mut table: toml::Table = toml::from_str(&text).expect("a table");
+        table.insert(key.to_owned(), value);
+        let refused = Scenario::from_table(table, Path::new(DEMO)).expect_err("refused");
+        refused.to_string()
+    }
+
+    #[test]
+    fn fault_of_a_wheel_that_is_not_there_is_refused() {
         let fault = Fault {
             kind: FaultKind::WheelStuck,
             start: 0.0,
@@ -345,11 +352,19 @@ mod tests {
             wheel: 7,
         };
         let fault = toml::Value::try_from([fault]).expect("a value");
-        table.insert("faults".to_owned(), fault);
-        let refused = Scenario::from_table(table, Path::new(DEMO)).expect_err("refused");
-        let message = refused.to_string();
+        let message = refusal_of_demo("faults", fault);
         assert!(
             message.contains("faults[0].wheel: no such wheel: 7 (the robot has 3"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn radius_of_a_wheel_that_is_not_there_is_refused() {
+        let wheels = toml::toml! { radius_scale = [1.0, 1.0, 1.0, 1.0] };
+        let message = refusal_of_demo("wheels", wheels.into());
+        assert!(
+            message.contains("wheels.radius_scale: 4 numbers (the robot has 3 wheels)"),
             "{message}"
         );
     }

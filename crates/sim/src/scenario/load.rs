@@ -70,7 +70,7 @@ impl Scenario {
         let folder = path.parent().unwrap_or(Path::new(""));
         scenario.robot = folder.join(&scenario.robot);
         let robot = RobotConfig::load(&scenario.robot)?;
-        scenario.check_faulty_wheels(&robot).map_err(refused)?;
+        scenario.check_wheels(&robot).map_err(refused)?;
         scenario.field = Some(match scenario.field.take() {
             Some(field) => folder.join(field),
             None => robot.field.clone(),
@@ -126,10 +126,15 @@ impl Scenario {
             .map_err(|(key, reason)| (format!("rocking.{key}"), reason))
     }
 
-    /// The first fault of a wheel that the robot does not have, and the reason.
-    fn check_faulty_wheels(&self, robot: &RobotConfig) -> Result<(), (String, String)> {
+    /// The first key that is about a wheel that the robot does not have, and the reason.
+    fn check_wheels(&self, robot: &RobotConfig) -> Result<(), (String, String)> {
         let base = robot.base.clone().unwrap_or_default();
         let wheels = base.wheel_angles_deg.len();
+        let scales = self.wheels.radius_scale.len();
+        if scales > wheels {
+            let reason = format!("{scales} numbers (the robot has {wheels} wheels)");
+            return Err(("wheels.radius_scale".to_owned(), reason));
+        }
         for (index, fault) in self.faults.iter().enumerate() {
             if fault.kind == FaultKind::WheelStuck && fault.wheel >= wheels {
                 let reason = format!(
