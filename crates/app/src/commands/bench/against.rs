@@ -43,7 +43,9 @@ pub(super) fn compare_against(
 ) -> Result<Vec<PairedFigure>> {
     let pair = Pair {
         own: std::env::current_exe().context("cannot find this executable")?,
-        other: other.to_owned(),
+        // A bare name is a file here, too, and no command of the search path.
+        other: std::path::absolute(other)
+            .with_context(|| format!("cannot find {}", other.display()))?,
     };
     let mut paired = Vec::new();
     for name in names {

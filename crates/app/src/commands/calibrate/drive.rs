@@ -60,7 +60,7 @@ impl Drive {
         };
         ensure!(
             !drive.odometry.is_empty(),
-            "{}: no wheel motion (odometry.csv of a folder)",
+            "{}: no wheel motion (odometry.csv is missing, empty, or left out as a warning says)",
             path.display()
         );
         Ok(drive)

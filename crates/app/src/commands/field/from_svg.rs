@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use localize::field::FieldConfig;
+use localize::input_file;
 
 use super::field_file::{self, Arc, Line, Outcome};
 use super::svg_document::{Tag, tags};
@@ -51,7 +52,7 @@ pub(super) fn run(args: &Args, json: bool) -> Result<()> {
     {
         return Err(UsageError("--scale must be a positive number of metres".to_owned()).into());
     }
-    let text = std::fs::read_to_string(&args.svg)
+    let text = input_file::read_text(&args.svg)
         .with_context(|| format!("cannot read {}", args.svg.display()))?;
     let drawing =
         read_drawing(&text, args.scale).with_context(|| args.svg.display().to_string())?;
