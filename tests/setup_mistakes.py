@@ -136,6 +136,27 @@ def turns_clockwise(folder: Path) -> None:
     scale_column(folder / "odometry.csv", "dtheta_rad", -1.0)
 
 
+def odometry_turned_by_half(folder: Path) -> None:
+    """The base looks backwards."""
+    for column in ("dx_m", "dy_m"):
+        scale_column(folder / "odometry.csv", column, -1.0)
+
+
+def scale_wheels(folder: Path, factor: float) -> None:
+    for column in ("dx_m", "dy_m", "dtheta_rad"):
+        scale_column(folder / "odometry.csv", column, factor)
+
+
+def half_of_the_motion(folder: Path) -> None:
+    """The wheels are twice as large as the base believes."""
+    scale_wheels(folder, 0.5)
+
+
+def twice_the_motion(folder: Path) -> None:
+    """The wheels are half as large as the base believes."""
+    scale_wheels(folder, 2.0)
+
+
 def compass_counts_clockwise(folder: Path) -> None:
     scale_column(folder / "compass.csv", "heading_rad", -1.0)
 
@@ -158,6 +179,9 @@ MISTAKES: dict[str, Callable[[Path], None]] = {
     "axes_exchanged": exchange_axes,
     "right_positive": right_is_positive,
     "turns_clockwise": turns_clockwise,
+    "odometry_turned": odometry_turned_by_half,
+    "wheels_half": half_of_the_motion,
+    "wheels_twice": twice_the_motion,
     "compass_clockwise": compass_counts_clockwise,
 }
 

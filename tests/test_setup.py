@@ -41,6 +41,9 @@ EDITS = {
     "axes_exchanged": "odometry.csv: exchange dx_m and dy_m",
     "right_positive": "odometry.csv: change the sign of dy_m",
     "turns_clockwise": "odometry.csv: change the sign of dtheta_rad",
+    "odometry_turned": "odometry.csv: change the sign of dx_m and dy_m",
+    "wheels_half": "robot.toml: [odometry] matrix = [[",
+    "wheels_twice": "robot.toml: [odometry] matrix = [[",
     "compass_clockwise": "compass.csv: change the sign of heading_rad",
 }
 
@@ -164,19 +167,31 @@ def test_compass_that_repeats_one_value_while_the_robot_turns_is_named_and_left_
     assert (tmp_path / "poses.csv").read_text() == (tmp_path / "without.csv").read_text()
 
 
-def test_images_that_are_older_than_their_stamps_are_named(tmp_path: Path) -> None:
-    log, folder = tmp_path / "drive.mcap", tmp_path / "drive"
-    scenario = ROOT / "config/scenarios/demo.toml"
-    run("sim", scenario, "--duration", "15", "--record", log)
-    subprocess.run([PROGRAM, "replay", log, "--export", folder], check=True, capture_output=True)
-    right, _ = run("doctor", "--recording", folder)
-    assert right["warnings"] == []
-    header, *rows = (folder / "frames.csv").read_text().splitlines()
+@pytest.fixture(scope="module")
+def demo_drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of the demo's robot, with an inertial unit, on a field that looks the same after half a turn."""
+    work = tmp_path_factory.mktemp("demo")
+    run("sim", ROOT / "config/scenarios/demo.toml", "--duration", "15", "--record", work / "drive.mcap")
+    run("replay", work / "drive.mcap", "--export", work / "drive")
+    return work / "drive"
+
+
+def copy_with_later_stamps(drive: Path, table: str, seconds: float, folder: Path) -> Path:
+    """A copy of the drive with a table whose stamps are late."""
+    copy_of(drive, folder)
+    header, *rows = (folder / table).read_text().splitlines()
     cells = [row.split(",") for row in rows]
-    late = header.split(",").index("stamp_s")
+    stamp = header.split(",").index("stamp_s")
     for row in cells:
-        row[late] = f"{float(row[late]) + 0.08:.9f}"
-    (folder / "frames.csv").write_text("\n".join([header, *map(",".join, cells)]) + "\n")
+        row[stamp] = f"{float(row[stamp]) + seconds:.9f}"
+    (folder / table).write_text("\n".join([header, *map(",".join, cells)]) + "\n")
+    return folder
+
+
+def test_images_that_are_older_than_their_stamps_are_named(demo_drive: Path, tmp_path: Path) -> None:
+    right, _ = run("doctor", "--recording", demo_drive)
+    assert right["warnings"] == []
+    folder = copy_with_later_stamps(demo_drive, "frames.csv", 0.08, tmp_path / "drive")
     found, _ = run("doctor", "--recording", folder)
     (named,) = [re.search(r"camera_latency = ([\d.]+)", warning) for warning in found["warnings"]]
     assert named is not None and abs(float(named[1]) - 0.08) < 0.015, found["warnings"]
@@ -184,6 +199,41 @@ def test_images_that_are_older_than_their_stamps_are_named(tmp_path: Path) -> No
     robot.write_text(robot.read_text() + "\n[timing]\ncamera_latency = 0.08\n")
     stated, _ = run("doctor", "--recording", folder)
     assert stated["warnings"] == []
+
+
+@pytest.mark.parametrize("late", [0.05, 0.1, 0.2])
+def test_wheels_whose_stamps_are_late_are_named(demo_drive: Path, late: float, tmp_path: Path) -> None:
+    folder = copy_with_later_stamps(demo_drive, "odometry.csv", late, tmp_path / "drive")
+    result, _ = run("locate", folder, "--out", tmp_path / "poses.csv")
+    (named,) = [re.search(r"odometry.csv: subtract ([\d.]+) from stamp_s", warning) for warning in result["warnings"]]
+    assert named is not None and abs(float(named[1]) - late) < 0.2 * late, result["warnings"]
+
+
+@pytest.mark.parametrize("mistake", ["wheels_half", "wheels_twice"])
+def test_matrix_that_is_named_mends_wheels_of_another_size(demo_drive: Path, mistake: str, tmp_path: Path) -> None:
+    folder = copy_of(demo_drive, tmp_path / "drive")
+    MISTAKES[mistake](folder)
+    found, _ = run("doctor", "--recording", folder)
+    (warning,) = found["warnings"]
+    named = re.search(r"robot.toml: \[odometry\] (matrix = .*\]\]) \(\+- 0\.0", warning)
+    assert named is not None, warning
+    robot = folder / "robot.toml"
+    robot.write_text(f"{robot.read_text()}\n[odometry]\n{named[1]}\n")
+    mended, _ = run("doctor", "--recording", folder)
+    assert mended["warnings"] == []
+
+
+def test_inertial_unit_tells_a_turned_odometry_from_a_turned_camera(demo_drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(demo_drive, tmp_path / "drive")
+    MISTAKES["odometry_turned"](folder)
+    found, _ = run("doctor", "--recording", folder)
+    (warning,) = found["warnings"]
+    assert warning.startswith("the odometry is turned by 180 degrees"), warning
+    assert "forward direction" in found["suggestions"][1]["cause"]
+    (folder / "imu.csv").unlink()
+    found, _ = run("doctor", "--recording", folder)
+    (warning,) = found["warnings"]
+    assert "forward direction" in warning and "or else the odometry is turned by 180 degrees" in warning, warning
 
 
 def test_points_that_no_set_up_explains_are_doubted(tmp_path: Path) -> None:

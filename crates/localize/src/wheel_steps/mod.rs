@@ -6,7 +6,7 @@ mod step_fit;
 
 use nalgebra::{Complex, Vector2};
 
-pub use self::matrix::{matrix_between, matrix_gain};
+pub use self::matrix::{MatrixFit, factor_between, matrix_between, matrix_gain};
 use self::step::STEPS_MIN;
 pub use self::step::{MeasuredStep, STEP_STD, spread, weight};
 use self::step_fit::{KNOWN_FACTOR_STD, StepFit};
@@ -240,6 +240,30 @@ mod tests {
     fn matrix_of_wrong_wheels_is_found_beside_outliers() {
         let wrong = Matrix3::new(1.2, 0.1, 0.02, -0.08, 0.8, 0.0, 0.1, 0.0, 0.9);
         let found = matrix_between(&steps(0.0, wrong)).expect("a matrix");
-        assert!((found - wrong).norm() < 0.08, "{found}");
+        assert!((found.matrix - wrong).norm() < 0.08, "{found:?}");
+    }
+
+    #[test]
+    fn factor_of_wheels_of_another_size_is_found_beside_outliers() {
+        for factor in [0.5, 1.0, 2.0] {
+            let steps = steps(0.0, Matrix3::from_diagonal_element(factor));
+            let found = factor_between(&steps).expect("a factor");
+            let error = found.matrix[(2, 2)] - factor;
+            assert!(error.abs() < 3.0 * found.std && found.std < 0.03 * factor);
+        }
+    }
+
+    #[test]
+    fn matrix_of_one_direction_of_driving_is_uncertain_and_its_factor_is_not() {
+        let straight: Vec<_> = (0..30)
+            .map(|_| MeasuredStep {
+                wheels: Tf::new(0.4, 0.0, 0.0),
+                poses: Tf::new(0.2, 0.0, 0.0),
+            })
+            .collect();
+        let [matrix, factor] = [matrix_between, factor_between].map(|fit| fit(&straight));
+        assert!(matrix.expect("a matrix").std > 0.2);
+        let factor = factor.expect("a factor");
+        assert!(factor.std < 0.02 && (factor.matrix[(1, 1)] - 0.5).abs() < 0.01);
     }
 }

@@ -12,6 +12,7 @@ use super::change::Change;
 use super::effort::Effort;
 use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
+use super::inertial;
 use super::measurements::{MeasuredKeyframe, thin_out};
 use super::variant::SetupVariant;
 use crate::paths;
@@ -51,9 +52,19 @@ pub(super) struct Assessment {
 }
 
 impl Assessment {
+    /// The changes to be made, the likeliest of each step.
+    pub(super) fn edits(&self) -> impl DoubleEndedIterator<Item = &Improvement> {
+        self.improvements.iter().filter_map(|found| found.first())
+    }
+
+    /// Is one of the changes to be made such a one?
+    pub(super) fn has_edit(&self, is: impl Fn(&Change) -> bool) -> bool {
+        self.edits().any(|found| is(&found.change))
+    }
+
     /// Explanation with all changes made.
     pub(super) fn explained(&self) -> &Explanation {
-        let last = self.improvements.last().and_then(|last| last.first());
+        let last = self.edits().next_back();
         last.map_or(&self.configured, |best| &best.explanation)
     }
 }
@@ -266,9 +277,11 @@ impl Trial<'_> {
         better.sort_by(|a, b| b.comparison.gain.total_cmp(&a.comparison.gain));
         if let Some(best) = better.first().cloned() {
             better.retain(|other| !compare(&other.explanation, &best.explanation).is_better());
-            // Of equally good ones the camera's mount, then a unit, is the likelier mistake.
+            // Of equally good ones the camera's mount, then a unit, is the likelier mistake, unless the inertial unit
+            // contradicts the wheels, too.
+            let wheels_are_turned = inertial::wheels_are_turned(self.measured);
             better.sort_by_key(|other| match other.change {
-                Change::Mount { .. } => 0,
+                Change::Mount { .. } if !wheels_are_turned => 0,
                 Change::OdometryScale(_) | Change::OdometryAxes { .. } => 1,
                 _ => 2,
             });

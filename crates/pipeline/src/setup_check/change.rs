@@ -6,12 +6,16 @@ use std::path::PathBuf;
 use localize::field::FieldConfig;
 use localize::robot::CameraConfig;
 use localize::setup_check::Explanation;
+use localize::wheel_steps::MatrixFit;
 use nalgebra::Matrix3;
 
 use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
 use super::variant::SetupVariant;
 use crate::setup::Setup;
+
+/// A less certain matrix of the wheels is not worth to be written down.
+const MATRIX_STD_MAX: f32 = 0.1;
 
 /// One change of a set-up.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,7 +52,7 @@ pub(super) enum Change {
         signs: [f32; 3],
     },
     /// The wheels' motion (metres, metres, radians) multiplied by a matrix.
-    WheelMatrix(Matrix3<f32>),
+    WheelMatrix(MatrixFit),
     /// Headings in degrees.
     CompassInDegrees,
     /// Turns in degrees.
@@ -97,7 +101,7 @@ impl Change {
                 }
                 changed.wheel_matrix = axes * changed.wheel_matrix;
             }
-            Change::WheelMatrix(matrix) => changed.wheel_matrix = matrix * changed.wheel_matrix,
+            Change::WheelMatrix(fit) => changed.wheel_matrix = fit.matrix * changed.wheel_matrix,
             Change::CompassInDegrees => changed.compass_unit_scale = 1.0_f32.to_radians(),
             Change::OdometryRotationInDegrees => changed.rotation_unit_scale = 1.0_f32.to_radians(),
             Change::Centre(shift) => changed.centre_shift = *shift,
@@ -167,17 +171,7 @@ impl Change {
                     edits.join(", then ")
                 )
             }
-            Change::WheelMatrix(_) => {
-                let matrix = after.wheels(setup);
-                let rows = [0, 1, 2].map(|row| {
-                    let [a, b, c] = [0, 1, 2].map(|column| matrix[(row, column)]);
-                    format!("[{a:.3}, {b:.3}, {c:.3}]")
-                });
-                format!(
-                    "robot.toml: [odometry] matrix = [{}] (`mirrorball calibrate wheels` measures it)",
-                    rows.join(", ")
-                )
-            }
+            Change::WheelMatrix(fit) => wheels_text(setup, after, fit),
             Change::CompassInDegrees => {
                 "compass.csv: convert heading_rad from degrees to radians (divide by 57.29578)"
                     .to_owned()
@@ -246,6 +240,10 @@ impl Change {
             Change::CompassMirrored(_) => "the compass counts clockwise",
             Change::CameraTurn(_) => "the camera's forward direction is wrong",
             Change::OdometryScale(_) => "the odometry's path is in another unit",
+            Change::OdometryAxes {
+                exchanged: false,
+                signs: [-1.0, -1.0, 1.0],
+            } => "the odometry is turned by 180 degrees",
             Change::OdometryAxes { .. } => "the odometry's axes or signs are wrong",
             Change::WheelMatrix(_) => "the wheels' radii or directions are wrong",
             Change::CompassInDegrees => "the compass's headings are in degrees",
@@ -255,6 +253,23 @@ impl Change {
             Change::FocalLength(_) => "the camera's focal length is wrong",
         }
     }
+}
+
+fn wheels_text(setup: &Setup, after: &SetupVariant, fit: &MatrixFit) -> String {
+    if fit.std > MATRIX_STD_MAX {
+        return "robot.toml: [odometry] matrix (`mirrorball calibrate wheels` measures it in a drive of a minute)"
+            .to_owned();
+    }
+    let matrix = after.wheels(setup);
+    let rows = [0, 1, 2].map(|row| {
+        let [a, b, c] = [0, 1, 2].map(|column| matrix[(row, column)]);
+        format!("[{a:.3}, {b:.3}, {c:.3}]")
+    });
+    format!(
+        "robot.toml: [odometry] matrix = [{}] (+- {:.3}; `mirrorball calibrate wheels` measures it)",
+        rows.join(", "),
+        fit.std
+    )
 }
 
 fn turn_text(setup: &Setup, after: &SetupVariant, angle: f32) -> String {

@@ -1,7 +1,6 @@
 //! Which cycles of a run become keyframes? Evenly spaced ones, few and small enough to keep for hours.
 
 use localize::math;
-use localize::robot::ImuCalibration;
 use localize::sample::Odometry;
 
 use super::inertial_motion::InertialCollector;
@@ -30,7 +29,6 @@ pub struct KeyframeCollector {
     recent: Vec<Odometry>,
     last_cycle: Option<localize::Stamp>,
     inertial: InertialCollector,
-    imu_calibration: ImuCalibration,
 }
 
 impl KeyframeCollector {
@@ -45,8 +43,7 @@ impl KeyframeCollector {
             last_odometry: None,
             recent: Vec::new(),
             last_cycle: None,
-            inertial: InertialCollector::default(),
-            imu_calibration: setup.imu_calibration().unwrap_or_default(),
+            inertial: InertialCollector::new(setup),
         }
     }
 
@@ -71,7 +68,7 @@ impl KeyframeCollector {
         for sample in cycle.inputs.sorted_samples() {
             match sample {
                 Sample::Odometry(odometry) => self.inertial.add_odometry(&odometry),
-                Sample::Imu(imu) => self.inertial.add_imu(&self.imu_calibration.apply(&imu)),
+                Sample::Imu(imu) => self.inertial.add_imu(&imu),
                 _ => {}
             }
         }

@@ -6,7 +6,10 @@ use nalgebra::Matrix3;
 
 use super::assess::{Assessment, FIRM_MIN};
 use super::change::Change;
+use super::dead_sensors::FIT_FINE;
+use super::inertial;
 use super::latency::OtherLatency;
+use super::measurements::MeasuredKeyframe;
 use super::origin_offset::OriginOffset;
 use super::ranges::RangeFinding;
 use super::report::SetupReport;
@@ -76,19 +79,27 @@ impl SetupReport {
         }
     }
 
-    /// Adds that images are older than configured, and what that does to the poses.
+    /// Adds that images and wheels have stamps of different times, and what that does to the poses.
     pub(super) fn doubt_latency(&mut self, latency: &OtherLatency) {
         let OtherLatency {
             age,
             configured,
             pose_error,
         } = latency;
-        let age = age.max(0.0);
-        self.doubt(format!(
-            "the images seem {:.0} ms older than their stamps, the set-up says {:.0} ms: robot.toml: [timing] camera_latency = {age:.3}, if `mirrorball calibrate latency` finds it by the gyro, too; else the stamps of odometry.csv are early, or the wheels slip",
-            1e3 * age,
-            1e3 * configured,
-        ));
+        let late = configured - age;
+        self.doubt(if *age < 0.0 {
+            format!(
+                "the wheels' motion seems {:.0} ms later than that of the images: odometry.csv: subtract {late:.3} from stamp_s, or let the base stamp its samples earlier; or the wheels slip",
+                1e3 * late,
+            )
+        } else {
+            format!(
+                "the images seem {:.0} ms older than their stamps, the set-up says {:.0} ms: robot.toml: [timing] camera_latency = {age:.3}, if `mirrorball calibrate latency` finds it by the gyro, too; else the stamps of odometry.csv are {}, or the wheels slip",
+                1e3 * age,
+                1e3 * configured,
+                if late > 0.0 { "late" } else { "early" },
+            )
+        });
         self.add_covariance(Matrix3::from_diagonal(
             &pose_error.component_mul(pose_error),
         ));
@@ -123,6 +134,28 @@ impl SetupReport {
             "the poses are those of a point that lies ({x:+.2}, {y:+.2}) m from the one that the wheels turn about: the map's origin is off (`mirrorball calibrate mount` moves it), or that of points.csv, or the wheels' matrix is wrong (`mirrorball calibrate wheels` measures it)"
         ));
         self.add_covariance(offset.pose_covariance());
+    }
+
+    /// Doubts an inertial unit that contradicts the poses or the wheels, and leaves it out.
+    pub(super) fn doubt_inertial_unit(
+        &mut self,
+        measured: &[MeasuredKeyframe],
+        assessment: &Assessment,
+    ) {
+        let explained = assessment.explained();
+        if explained.on_markings() <= FIT_FINE {
+            return;
+        }
+        let has_other_axes =
+            assessment.has_edit(|change| matches!(change, Change::OdometryAxes { .. }));
+        let wheels_agree = explained
+            .wheels_agree()
+            .is_none_or(|share| share > FIT_FINE);
+        let fault = inertial::find_fault(measured, explained, wheels_agree && !has_other_axes);
+        if let Some(fault) = fault {
+            self.unusable.push(Table::Imu);
+            self.doubt(format!("imu.csv: the inertial unit is not used: {fault}"));
+        }
     }
 
     fn add_covariance(&mut self, covariance: Matrix3<f32>) {

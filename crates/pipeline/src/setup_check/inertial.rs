@@ -27,15 +27,27 @@ const AGREEMENT_MIN: f32 = 0.5;
 /// Largest angle between the changes of velocity of unit and wheels, degrees.
 const YAW_MAX_DEG: f32 = 30.0;
 
-/// What is wrong with the inertial unit, if anything is. `explanation`: of the keyframes, without the unit.
+fn motion_of_all(measured: &[MeasuredKeyframe]) -> InertialMotion {
+    let mut all = InertialMotion::default();
+    let motions = measured.iter().filter_map(|keyframe| keyframe.inertial);
+    motions.for_each(|motion| all += motion);
+    all
+}
+
+/// Do the wheels change their velocity in other directions than the inertial unit? False where they do not tell.
+pub(super) fn wheels_are_turned(measured: &[MeasuredKeyframe]) -> bool {
+    let angle = motion_of_all(measured).changes.angle_deg();
+    angle.is_some_and(|angle| angle.abs() > YAW_MAX_DEG)
+}
+
+/// What is wrong with the inertial unit, if anything is. `explanation`: of the keyframes, without the unit. `wheels_agree`: the wheels,
+/// as they were measured, agree with it.
 pub(super) fn find_fault(
     measured: &[MeasuredKeyframe],
     explanation: &Explanation,
     wheels_agree: bool,
 ) -> Option<String> {
-    let mut all = InertialMotion::default();
-    let motions = measured.iter().filter_map(|keyframe| keyframe.inertial);
-    motions.for_each(|motion| all += motion);
+    let all = motion_of_all(measured);
     if all.seconds < SECONDS_MIN {
         return None;
     }
@@ -164,6 +176,15 @@ mod tests {
     fn a_right_unit_with_bias_and_lean_has_no_fault() {
         let biased = |[x, y, z]: [f32; 3], rate: f32| ([x + 0.6, y - 0.4, z + 0.2], rate + 0.02);
         assert_eq!(fault(biased), None);
+    }
+
+    #[test]
+    fn wheels_that_are_turned_against_a_right_unit_are_told_from_wheels_that_are_not() {
+        let turned = |[x, y, z]: [f32; 3], rate: f32| ([-x, -y, z], rate);
+        assert!(wheels_are_turned(&drive(turned).0));
+        let (measured, _) = drive(|force, rate| (force, rate));
+        assert!(!wheels_are_turned(&measured));
+        assert!(!wheels_are_turned(&[]), "nothing is known");
     }
 
     #[test]

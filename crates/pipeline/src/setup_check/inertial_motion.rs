@@ -4,7 +4,10 @@ use std::ops::AddAssign;
 
 use localize::Stamp;
 use localize::math;
+use localize::robot::{ImuCalibration, OdometryCalibration};
 use localize::sample::{Imu, Odometry};
+
+use crate::setup::Setup;
 
 /// Longest time between readings that belong together, seconds.
 const GAP_MAX: f32 = 0.2;
@@ -57,6 +60,8 @@ impl AddAssign for InertialMotion {
 /// Sums the readings of a run. Its memory does not grow.
 #[derive(Debug, Clone, Default)]
 pub(super) struct InertialCollector {
+    imu_calibration: ImuCalibration,
+    wheel_calibration: Option<OdometryCalibration>,
     motion: InertialMotion,
     last_imu: Option<Stamp>,
     last_odometry: Option<Stamp>,
@@ -83,7 +88,17 @@ struct WindowMeans {
 }
 
 impl InertialCollector {
+    /// Sums nothing yet; readings are corrected by the calibrations of the set-up.
+    pub(super) fn new(setup: &Setup) -> Self {
+        InertialCollector {
+            imu_calibration: setup.imu_calibration().unwrap_or_default(),
+            wheel_calibration: setup.robot.odometry,
+            ..InertialCollector::default()
+        }
+    }
+
     pub(super) fn add_imu(&mut self, imu: &Imu) {
+        let imu = self.imu_calibration.apply(imu);
         let seconds = self.last_imu.map(|last| (imu.stamp - last) as f32);
         self.last_imu = Some(imu.stamp);
         let [fx, fy, _] = imu.specific_force;
@@ -108,6 +123,9 @@ impl InertialCollector {
             (self.window, self.before) = (Window::default(), None);
             return;
         };
+        let odometry = self
+            .wheel_calibration
+            .map_or(*odometry, |calibration| calibration.apply(odometry));
         let row = [odometry.dx, odometry.dy, odometry.dtheta, seconds];
         for (sum, value) in self.window.moved.iter_mut().zip(row) {
             *sum += value;

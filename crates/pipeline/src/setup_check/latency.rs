@@ -25,7 +25,7 @@ const AGE_SIGMAS: f32 = 5.0;
 /// A latency that differs from the configured one.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OtherLatency {
-    /// Age of the images at their stamps, seconds.
+    /// Age of the images at their stamps, seconds. Negative if the stamps of the wheels are late.
     pub(super) age: f32,
     /// The configured one, seconds.
     pub(super) configured: f32,
@@ -68,8 +68,7 @@ pub(super) fn other_latency(
     let differs = |excess: f32, std: f32| excess.abs() > AGE_SIGMAS * std;
     let turns_agree = differs(age_of_turns - configured, std_of_turns)
         && (age_of_turns - age).abs() < 0.5 * excess.abs();
-    // Stamps of the wheels that are late are another mistake.
-    if age < -AGE_MIN || excess.abs() < AGE_MIN || !differs(excess, std) || !turns_agree {
+    if excess.abs() < AGE_MIN || !differs(excess, std) || !turns_agree {
         return None;
     }
     let mut squares = Vector3::zeros();
@@ -204,6 +203,18 @@ mod tests {
         assert!(found(0.0, 0.0, 1.0, 0.0).is_none());
         let wrong = found(0.0, 0.0, 1.0, 0.1).expect("no latency");
         assert!(wrong.age.abs() < 0.01, "{wrong:?}");
+    }
+
+    #[test]
+    fn stamps_of_the_wheels_that_are_late_are_images_from_the_future() {
+        for late in [0.05_f32, 0.1, 0.2] {
+            let latency = found(-late, 0.0, 1.0, 0.0).expect("a latency");
+            assert!(
+                (latency.age + late).abs() < 0.2 * late,
+                "{late}: {latency:?}"
+            );
+        }
+        assert!(found(-0.02, 0.0, 1.0, 0.0).is_none());
     }
 
     #[test]

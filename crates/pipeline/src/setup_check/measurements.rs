@@ -22,6 +22,8 @@ pub(super) const METRES_PER_RADIAN: f32 = 0.5;
 /// Wheels that report less in a whole recording report no motion, metres.
 pub(super) const WHEEL_PATH_MIN: f32 = 0.1;
 pub(super) const METRES_PER_SECOND: f32 = 0.125;
+/// Keyframes of a short recording, closer together: wheels that report half of the motion would leave too few to find that out.
+const KEYFRAMES_WANTED: usize = 12;
 /// Longest gap in the odometry that connects two keyframes, seconds.
 pub(super) const ODOMETRY_GAP_MAX: f64 = 1.0;
 /// Rows of the odometry this far from an image give the velocity at it, seconds.
@@ -158,8 +160,7 @@ fn with_predecessors(keyframes: &[TimelineEntry], images: &[usize]) -> Vec<usize
 }
 
 fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
-    let mut inertial = InertialCollector::default();
-    let calibration = setup.imu_calibration().unwrap_or_default();
+    let mut inertial = InertialCollector::new(setup);
     let mut entries: Vec<TimelineEntry> = Vec::new();
     let mut rows: Vec<[f32; 3]> = Vec::new();
     let mut last_odometry: Option<Stamp> = None;
@@ -207,7 +208,7 @@ fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
                 rows.clear();
                 connected = true;
             }
-            RecordedData::Imu(imu) => inertial.add_imu(&calibration.apply(imu)),
+            RecordedData::Imu(imu) => inertial.add_imu(imu),
             RecordedData::Compass(_) | RecordedData::Truth(_) => {}
         }
     }
@@ -253,7 +254,9 @@ pub(super) fn wheel_path(rows: Option<&[[f32; 3]]>) -> f32 {
 fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
     let usable = || entries.iter().filter(|entry| entry.usable);
     let total: f32 = usable().map(|entry| entry.progress).sum();
-    let spacing = (total / KEYFRAMES_MAX as f32).max(SPACING_MIN);
+    let spacing = SPACING_MIN
+        .min(total / KEYFRAMES_WANTED as f32)
+        .max(total / KEYFRAMES_MAX as f32);
     let stride = usable().count().div_ceil(KEYFRAMES_MAX).max(1);
     // Wheels that report no motion may be wrong: the images decide (`dead_sensors`).
     let path: f32 = entries

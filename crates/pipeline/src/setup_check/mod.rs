@@ -56,6 +56,7 @@ use change::Change;
 use compass_faults::CompassFault;
 use dead_sensors::FIT_FINE;
 use field_size::{Axis, FieldSize};
+use latency::OtherLatency;
 use origin_offset::OriginOffset;
 use variant::SetupVariant;
 
@@ -203,6 +204,10 @@ fn check_points(
     {
         assessment = assess(setup, &config.localize, &without, effort);
     }
+    let latency = find_latency(setup, config, measured, &assessment);
+    if latency.is_some() {
+        assessment.improvements.clear();
+    }
     let configured = &assessment.configured;
     let path_of_poses =
         dead_sensors::wheels_stand_still(measured).then(|| dead_sensors::path_of_poses(configured));
@@ -233,18 +238,15 @@ fn check_points(
     report.add_doubts(&assessment, explained, path_of_poses.flatten(), &ranges);
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
     report.doubt_markings(setup, &assessment);
+    // A matrix of the wheels says about which point they turn.
     if explained.on_markings() > FIT_FINE
+        && !assessment.has_edit(|change| matches!(change, Change::WheelMatrix(_)))
         && let Some(offset) = OriginOffset::find(explained)
     {
         report.doubt_origin(&offset);
     }
-    // Another mistake contradicts the wheels' steps, too; and a latency that is estimated while driving needs no edit.
-    if assessment.improvements.is_empty() && config.localize.filter.camera_latency_std == 0.0 {
-        let wheels = SetupVariant::configured(setup).wheels(setup);
-        let latency = setup.camera_latency(&config.localize.filter);
-        if let Some(other) = latency::other_latency(measured, configured, &wheels, latency) {
-            report.doubt_latency(&other);
-        }
+    if let Some(latency) = latency {
+        report.doubt_latency(&latency);
     }
     if let Some(fault) = compass_fault {
         if fault.is_useless {
@@ -252,15 +254,7 @@ fn check_points(
         }
         report.doubt(format!("compass.csv: {}", fault.text));
     }
-    if explained.on_markings() > FIT_FINE {
-        let wheels_agree = explained
-            .wheels_agree()
-            .is_none_or(|share| share > FIT_FINE);
-        if let Some(fault) = inertial::find_fault(measured, explained, wheels_agree) {
-            report.unusable.push(Table::Imu);
-            report.doubt(format!("imu.csv: the inertial unit is not used: {fault}"));
-        }
-    }
+    report.doubt_inertial_unit(measured, &assessment);
     let named = |change: fn(&Change) -> bool| {
         let all = assessment.improvements.iter().flatten();
         all.clone().any(|improvement| change(&improvement.change))
@@ -283,6 +277,24 @@ fn check_points(
         ranges.retain(|finding| finding.table != Table::Odometry);
     }
     (report.with_ranges(&ranges), assessment)
+}
+
+/// A latency that differs from the configured one. A delay passes for a camera turned by degrees, which delays no turn of the robot. Any
+/// other mistake contradicts the wheels' steps, too. A latency that is estimated while driving needs no edit.
+fn find_latency(
+    setup: &Setup,
+    config: &PipelineConfig,
+    measured: &[MeasuredKeyframe],
+    assessment: &Assessment,
+) -> Option<OtherLatency> {
+    let filter = &config.localize.filter;
+    let is_other = |change: &Change| !matches!(change, Change::CameraTurn(_));
+    if filter.camera_latency_std != 0.0 || assessment.has_edit(is_other) {
+        return None;
+    }
+    let wheels = SetupVariant::configured(setup).wheels(setup);
+    let configured = setup.camera_latency(filter);
+    latency::other_latency(measured, &assessment.configured, &wheels, configured)
 }
 
 /// The compass's fault. None if a known mistake explains its readings, since it is useful once that is mended.
@@ -329,11 +341,8 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
     if assessment.fits_no_better_than_random {
         return Some(unknown);
     }
-    let changes = assessment
-        .improvements
-        .iter()
-        .flat_map(|found| found.first());
-    let doubtful: Vec<_> = changes
+    let doubtful: Vec<_> = assessment
+        .edits()
         .filter(|found| {
             !matches!(
                 found.change,

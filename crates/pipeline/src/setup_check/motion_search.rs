@@ -11,7 +11,9 @@ use super::assess::{Improvement, Trial};
 use super::change::Change;
 use super::measurements::MeasuredKeyframe;
 use super::variant::SetupVariant;
-use localize::wheel_steps::{angle_between, matrix_between, matrix_gain};
+use localize::wheel_steps::{
+    MatrixFit, MeasuredStep, angle_between, factor_between, matrix_between, matrix_gain,
+};
 
 /// A smaller turn of the camera is no mistake, radians.
 const TURN_MIN: f32 = 2.0 * std::f32::consts::PI / 180.0;
@@ -19,13 +21,17 @@ const TURN_MIN: f32 = 2.0 * std::f32::consts::PI / 180.0;
 const TURN_SIGMAS: f32 = 3.0;
 /// Turns so close to a quarter are left to the mounts, radians.
 const QUARTER_REACH: f32 = 0.035;
-/// Log likelihood that the nine elements of a wheels' matrix must gain: half the logarithm of some forty steps, each.
-const MATRIX_COST: f32 = 9.0 * 2.0;
+/// Log likelihood that each number of a wheels' matrix must gain: half the logarithm of some forty steps.
+const NUMBER_COST: f32 = 2.0;
+/// Fits of the wheels with the number of their numbers: one factor, or nine elements of a matrix.
+const WHEEL_FITS: [(FitWheels, f32); 2] = [(factor_between, 1.0), (matrix_between, 9.0)];
 /// Gain by the spread of the steps that leaves no doubt, and the smallest change of an element that is a mistake then.
 const MATRIX_GAIN_MIN: f32 = 15.0;
 const MATRIX_MIN: f32 = 0.06;
 /// Corrections of a matrix: steps of wrong wheels join with an error.
 const MATRIX_PASSES: usize = 3;
+
+type FitWheels = fn(&[MeasuredStep]) -> Option<MatrixFit>;
 
 /// Angle between the direction of a motion at a row's start and that of its chord: half of the row's turn, radians, in the
 /// mean over the path. Tables mean either by a row's motion, and a robot that spins one way shows the difference.
@@ -79,28 +85,50 @@ impl Trial<'_> {
         self.evaluate(variant, now, changes)
     }
 
-    /// The wheels corrected by a matrix. Its gain is reduced by the cost of its elements. Wheels that are wrong by less than what a
-    /// step between keyframes may err gain by the spread of the steps.
+    /// The wheels corrected by a factor or by a matrix, whichever gains more. The gain is reduced by the cost of its numbers.
     pub(super) fn search_wheels(
         &self,
         variant: &SetupVariant,
         now: &Explanation,
     ) -> Option<(Change, Improvement)> {
-        let mut total = Matrix3::identity();
+        let fits = WHEEL_FITS.iter().filter_map(|(fit, numbers)| {
+            self.fit_wheels(variant, now, *fit, NUMBER_COST * numbers)
+        });
+        fits.max_by(|a, b| a.1.comparison.gain.total_cmp(&b.1.comparison.gain))
+    }
+
+    /// The wheels corrected by a fit whose numbers cost `cost`. Wheels that are wrong by less than what a step between keyframes may
+    /// err gain by the spread of the steps.
+    fn fit_wheels(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+        fit: FitWheels,
+        cost: f32,
+    ) -> Option<(Change, Improvement)> {
+        let mut total = MatrixFit {
+            matrix: Matrix3::identity(),
+            std: 0.0,
+        };
         let mut explanation = now.clone();
         for _ in 0..MATRIX_PASSES {
-            total = matrix_between(&explanation.steps())? * total;
+            let found = fit(&explanation.steps())?;
+            // What is left of the first error is small: the last fit tells the uncertainty.
+            total = MatrixFit {
+                matrix: found.matrix * total.matrix,
+                std: found.std * total.matrix.abs().max(),
+            };
             let after = Change::WheelMatrix(total).apply(variant);
             explanation = self.explain(&after, self.measured)?;
         }
         let found = self.evaluate(variant, now, vec![Change::WheelMatrix(total)]);
         let (change, mut improvement) = found.into_iter().next()?;
-        improvement.comparison.gain -= MATRIX_COST;
-        let mut wrong = total - Matrix3::identity();
+        improvement.comparison.gain -= cost;
+        let mut wrong = total.matrix - Matrix3::identity();
         // An offset may be that of the map's origin.
         (wrong[(0, 2)], wrong[(1, 2)]) = (0.0, 0.0);
         if wrong.abs().max() > MATRIX_MIN {
-            let gain = matrix_gain(&now.steps(), &total) - MATRIX_COST;
+            let gain = matrix_gain(&now.steps(), &total.matrix) - cost;
             improvement.comparison.gain = improvement.comparison.gain.max(gain);
             improvement.by_steps = gain > MATRIX_GAIN_MIN;
         }

@@ -144,9 +144,17 @@ impl SetupReport {
                 continue;
             };
             let perhaps = if best.is_firm() { "" } else { "perhaps " };
+            let cause = best.change.cause();
+            let other = alternatives
+                .iter()
+                .find(|other| other.change.cause() != cause)
+                .map_or_else(String::new, |other| {
+                    let (cause, text) =
+                        (other.change.cause(), other.change.text(setup, &other.after));
+                    format!(", or else {cause}: as well with `{text}`")
+                });
             self.warnings.push(format!(
-                "{perhaps}{}: the measurements fit better with `{}` ({})",
-                best.change.cause(),
+                "{perhaps}{cause}: the measurements fit better with `{}` ({}){other}",
                 best.change.text(setup, &best.after),
                 explained_text(before.fit(), best.explanation.fit()),
             ));
