@@ -2,14 +2,13 @@
 
 use crate::config::LocalizeConfig;
 use crate::field::Field;
-use crate::frames::{Pose, RobotFrame, Tf};
+use crate::frames::{Pose, RobotFrame, Tf, wrap_angle};
 use crate::global_search::branch_and_bound::{
     BranchAndBound, BranchAndBoundConfig, Hypothesis, half_turn,
 };
 use crate::map_correction::{DriveFit, MapBasis};
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
-use crate::math;
 use crate::wheel_steps::MeasuredStep;
 
 use super::chain::{KeyframeHypotheses, select_chain};
@@ -19,6 +18,8 @@ use super::keyframe::Keyframe;
 const START_ERROR: f32 = 0.3;
 /// Shorter steps are noise, metres.
 const STEP_MIN: f32 = 0.1;
+/// What a turn counts for as motion: the wheels of a robot that turns in place and is pushed once agree.
+pub const METRES_PER_RADIAN: f32 = 0.5;
 
 /// Tables of one field for the search of poses.
 #[derive(Debug, Clone)]
@@ -236,16 +237,23 @@ impl Explanation {
     }
 
     /// How far the wheels agree with the poses: the share of the steps that do not contradict, but at most the mean
-    /// agreement of direction and length (1 equal, 0 unrelated). None without wheels.
+    /// agreement of direction, length and turn (1 equal, 0 unrelated). None without wheels.
     pub fn wheels_agree(&self) -> Option<f32> {
         let share = share(self.keyframes.iter().filter_map(|fit| fit.wheels_agree))?;
         let (mut sum, mut count) = (0.0_f32, 0.0_f32);
         for MeasuredStep { wheels, poses } in self.steps() {
-            let both = math::hypot(wheels.x, wheels.y).max(math::hypot(poses.x, poses.y));
-            if both > STEP_MIN {
-                let squares = [wheels.x, wheels.y, poses.x, poses.y].map(|each| each * each);
-                let error = (wheels.x - poses.x).powi(2) + (wheels.y - poses.y).powi(2);
-                sum += 1.0 - error / squares.iter().sum::<f32>();
+            let size = |x: f32, y: f32, turn: f32| {
+                x * x + y * y + (METRES_PER_RADIAN * wrap_angle(turn)).powi(2)
+            };
+            let by_wheels = size(wheels.x, wheels.y, wheels.theta);
+            let by_poses = size(poses.x, poses.y, poses.theta);
+            if by_wheels.max(by_poses) > STEP_MIN * STEP_MIN {
+                let error = size(
+                    wheels.x - poses.x,
+                    wheels.y - poses.y,
+                    wheels.theta - poses.theta,
+                );
+                sum += 1.0 - error / (by_wheels + by_poses);
                 count += 1.0;
             }
         }

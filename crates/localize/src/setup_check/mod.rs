@@ -13,5 +13,5 @@ mod keyframe;
 mod tests;
 
 pub use comparison::{Comparison, compare};
-pub use explanation::{Explanation, FieldTables, KeyframeFit, explain, refine};
+pub use explanation::{Explanation, FieldTables, KeyframeFit, METRES_PER_RADIAN, explain, refine};
 pub use keyframe::{Keyframe, WheelMotion};

@@ -3,11 +3,11 @@
 use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
 
-use super::{Explanation, FieldTables, Keyframe, WheelMotion, compare, explain};
+use super::{Explanation, FieldTables, Keyframe, KeyframeFit, WheelMotion, compare, explain};
 use crate::config::LocalizeConfig;
 use crate::field::Field;
 use crate::field::tests::league_18x12;
-use crate::frames::At;
+use crate::frames::{At, Pose, Tf};
 use crate::sample::LinePoint;
 use crate::synthetic::drive::{SyntheticDrive, SyntheticDriveConfig};
 
@@ -143,4 +143,45 @@ fn recording_without_wheels_and_compass_is_judged_by_its_points_alone() {
     let mirrored = explain_on(&field, &turned(&keyframes, 0, true));
     assert!(!compare(&right, &mirrored).is_better());
     assert!(!compare(&mirrored, &right).is_better());
+}
+
+/// A robot that turns by 0.5 rad from keyframe to keyframe and is pushed by 0.4 m in one of them.
+fn pushed_while_turning(turn_by_wheels: f32) -> Explanation {
+    let keyframe = |k: usize| KeyframeFit {
+        pose: Some(Pose::new(
+            if k < 10 { 0.0 } else { 0.4 },
+            0.0,
+            0.5 * k as f32,
+        )),
+        cost: 0.0,
+        points: 100,
+        on_markings: 1.0,
+        residual: 0.0,
+        wheel_step: (k > 0).then(|| Tf::new(0.0, 0.0, turn_by_wheels)),
+        wheels_agree: (k > 0).then_some(k != 10),
+        compass_agrees: None,
+    };
+    Explanation {
+        keyframes: (0..30).map(keyframe).collect(),
+    }
+}
+
+#[test]
+fn wheels_of_a_turning_robot_agree_although_it_was_pushed() {
+    let agree = |turn| pushed_while_turning(turn).wheels_agree();
+    assert!(
+        agree(0.5).is_some_and(|share| share > 0.9),
+        "{:?}",
+        agree(0.5)
+    );
+    assert!(
+        agree(-0.5).is_some_and(|share| share < 0.1),
+        "{:?}",
+        agree(-0.5)
+    );
+    assert!(
+        agree(0.1).is_some_and(|share| share < 0.5),
+        "{:?}",
+        agree(0.1)
+    );
 }

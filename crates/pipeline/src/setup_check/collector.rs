@@ -2,9 +2,10 @@
 
 use localize::math;
 use localize::sample::Odometry;
+use localize::setup_check::METRES_PER_RADIAN;
 
 use super::inertial_motion::InertialCollector;
-use super::measurements::{KEYFRAMES_MAX, METRES_PER_RADIAN, METRES_PER_SECOND, SPACING_MIN};
+use super::measurements::{KEYFRAMES_MAX, METRES_PER_SECOND, SPACING_MIN};
 use super::{MeasuredKeyframe, measurements};
 use crate::cycle::Cycle;
 use crate::sample::Sample;

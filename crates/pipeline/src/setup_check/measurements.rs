@@ -3,6 +3,7 @@
 use anyhow::Result;
 use localize::Stamp;
 use localize::sample::{LinePoint, Odometry};
+use localize::setup_check::METRES_PER_RADIAN;
 use vision::image::Image;
 use vision::process::Vision;
 
@@ -16,9 +17,8 @@ use crate::setup::Setup;
 
 /// Keyframes of a recording: more add time, not certainty.
 pub(super) const KEYFRAMES_MAX: usize = 40;
-/// Motion between keyframes: metres, where a radian and two seconds count as half a metre and a quarter.
+/// Motion between keyframes: metres, where a radian counts as [`METRES_PER_RADIAN`] and two seconds as a quarter.
 pub(super) const SPACING_MIN: f32 = 0.3;
-pub(super) const METRES_PER_RADIAN: f32 = 0.5;
 /// Wheels that report less in a whole recording report no motion, metres.
 pub(super) const WHEEL_PATH_MIN: f32 = 0.1;
 pub(super) const METRES_PER_SECOND: f32 = 0.125;
