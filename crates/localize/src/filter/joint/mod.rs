@@ -9,7 +9,6 @@
 //! | `wheel_update` | h, H, R of a wheel increment | 8.5 |
 //! | `odometry_correction` | matrix from measured to true motion | 8.5 |
 //! | `turning_steps`, `turning_point` | origin of the poses about the point that the wheels turn about | 2.13 |
-//! | `tick_noise` | noise of encoders that count whole ticks | 8.5 |
 //! | `wheel_noise` | learned wheel noise | 8.8 |
 //! | `zero_velocity_update` | h, H, R at rest | 8.6 |
 //! | `pose_update` | H and gain of a matched image | 8.7 |
@@ -29,7 +28,6 @@ mod process_noise;
 mod state;
 #[cfg(test)]
 mod tests;
-mod tick_noise;
 mod turning_point;
 mod turning_steps;
 mod wheel_noise;
@@ -50,7 +48,6 @@ use state::{
     ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, POSE, ROW_STRIDE,
     STATES, State, TILT, TWIST, YAW_RATE,
 };
-use tick_noise::TickNoise;
 use turning_steps::TurningSteps;
 use wheel_noise::WheelNoiseEstimate;
 
@@ -70,7 +67,6 @@ pub struct JointFilter {
     smoothed_acceleration: [f32; 2],
     odometry_prior: OdometryPrior,
     wheel_noise: WheelNoiseEstimate,
-    tick_noise: TickNoise,
     collision: CollisionDetector,
     turning_steps: TurningSteps,
     /// Of the wheels, (x, y, θ), m/s and rad/s.
@@ -112,11 +108,9 @@ impl JointFilter {
         }
         odometry_correction::initialize(&mut state, &mut full, odometry_prior);
         let mut wheel_noise = WheelNoiseEstimate::new(config);
-        let mut tick_noise = TickNoise::default();
         let mut turning_steps = TurningSteps::default();
         if let Some(previous) = previous {
             wheel_noise = previous.wheel_noise.without_derivatives();
-            tick_noise = previous.tick_noise.clone();
             turning_steps = previous.turning_steps.clone();
             turning_steps.interrupt();
             for i in GYRO_BIAS..STATES {
@@ -148,7 +142,6 @@ impl JointFilter {
             smoothed_acceleration: [0.0; 2],
             odometry_prior: odometry_prior.clone(),
             wheel_noise,
-            tick_noise,
             collision: CollisionDetector::default(),
             turning_steps,
             smoothed_velocity: [0.0; 3],

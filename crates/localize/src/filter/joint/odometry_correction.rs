@@ -16,7 +16,7 @@ pub(super) const fn entry(i: usize, j: usize) -> usize {
 }
 
 /// Distance of the wheels from the centre that relates errors of rotation to errors of translation, metres.
-pub(super) const BASE_RADIUS: f32 = 0.25;
+const BASE_RADIUS: f32 = 0.25;
 /// Scale of an entry: 1, m/rad or rad/m.
 fn entry_scale(i: usize, j: usize) -> f32 {
     match (i, j) {

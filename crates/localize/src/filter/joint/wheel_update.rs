@@ -46,7 +46,6 @@ impl JointFilter {
         let measured = increment.motion.map(|value| share * value);
         let mismatch = self.wheel_mismatch(measured);
         if !increment.imu_active || self.collision.accepts_wheels(&mismatch, &config.collision) {
-            self.tick_noise.add_sample(increment.motion);
             self.add_wheel_step(measured);
             self.update_increment(measured, share * increment.slip, config);
             self.clamp_scales();
@@ -85,9 +84,8 @@ impl JointFilter {
         ];
         let terms = variances.map(|terms| terms.map(|variance| rolling * variance));
         let slip = rolling * slip * slip;
-        let ticks = self.tick_noise.variances();
-        let others = [ticks[0] + slip, ticks[1] + slip, ticks[2]];
-        let variances = [0, 1, 2].map(|k| terms[k].iter().sum::<f32>() + others[k]);
+        let variances = [slip, slip, 0.0];
+        let variances = [0, 1, 2].map(|k| terms[k].iter().sum::<f32>() + variances[k]);
         for (direction, axis) in axes.into_iter().enumerate() {
             let (terms, variance) = (terms[direction], variances[direction]);
             let innovation = self.wheel_innovation(measured, axis);
