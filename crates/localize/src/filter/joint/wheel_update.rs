@@ -15,8 +15,9 @@ const ROLLING_NOISE_SHARE: f32 = 0.5;
 const SCALE_RANGE: (f32, f32) = (0.7, 1.4);
 /// Largest number of lost wheel samples that one sample may stand for.
 const LOST_INTERVALS_MAX: f32 = 20.0;
-/// Shortest motion that has a direction, metres.
+/// Shortest motion that has a direction, metres, and the smallest turn, radians. Less is rest, or lies between two ticks.
 const DIRECTED_MOTION_MIN: f32 = 1e-5;
+const TURN_MIN: f32 = 4e-5;
 
 /// Time over which the wheels' velocity is smoothed at which their correction and noise are learned, seconds: a few samples.
 const VELOCITY_SMOOTHING_TIME: f32 = 0.05;
@@ -59,8 +60,9 @@ impl JointFilter {
     ///
     /// `slip`: residual of the wheels' least squares, metres.
     fn update_increment(&mut self, measured: [f32; 3], slip: f32, config: &FilterConfig) {
-        let motion = Vector2::new(measured[0], measured[1]);
-        let along = motion
+        let smooth = self.smooth_motion(measured);
+        // The direction of a single tick is that of a wheel, not of the robot.
+        let along = Vector2::new(smooth[0], smooth[1])
             .try_normalize(DIRECTED_MOTION_MIN)
             .unwrap_or_else(Vector2::x);
         let heading = self.state[POSE + 2] - self.state[WHEEL_INCREMENT + 2];
@@ -74,7 +76,6 @@ impl JointFilter {
         } else {
             1.0
         };
-        let smooth = self.smooth_motion(measured);
         let noise = config.wheel_noise(smooth, self.wheel_interval);
         let variances = self.wheel_noise.variances(&noise);
         let axes = [
@@ -86,13 +87,16 @@ impl JointFilter {
         let slip = rolling * slip * slip;
         let variances = [slip, slip, 0.0];
         let variances = [0, 1, 2].map(|k| terms[k].iter().sum::<f32>() + variances[k]);
+        let moves = math::hypot(measured[0], measured[1]) >= DIRECTED_MOTION_MIN;
+        let reported = [moves, moves, measured[2].abs() >= TURN_MIN];
         for (direction, axis) in axes.into_iter().enumerate() {
             let (terms, variance) = (terms[direction], variances[direction]);
             let innovation = self.wheel_innovation(measured, axis);
             let (jacobian, count) = self.wheel_jacobian(smooth, axis);
             let total = self.update_scalar(&jacobian[..count], innovation, variance);
-            if self.imu_active {
-                // Without an inertial unit the prediction is deliberately vague, and the innovation says nothing.
+            if self.imu_active && reported[direction] {
+                // Without an inertial unit the prediction is deliberately vague, and the innovation says nothing. Samples between
+                // two ticks would count as certain.
                 self.wheel_noise
                     .update_by_wheels(direction, terms, innovation, total);
             }
