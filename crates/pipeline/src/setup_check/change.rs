@@ -7,12 +7,17 @@ use localize::field::FieldConfig;
 use localize::robot::CameraConfig;
 use localize::setup_check::Explanation;
 use localize::wheel_steps::MatrixFit;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
 use super::variant::SetupVariant;
 use crate::setup::Setup;
+
+/// Largest correction of the wheels that a filter learns while driving, as a share of the motion at the wheels.
+const LEARNED_CORRECTION_MAX: f32 = 0.3;
+/// Distance of the wheels from the centre that relates turns to motions, metres.
+const BASE_RADIUS: f32 = 0.25;
 
 /// A less certain matrix of the wheels is not worth to be written down.
 const MATRIX_STD_MAX: f32 = 0.1;
@@ -66,6 +71,17 @@ pub(super) enum Change {
 }
 
 impl Change {
+    /// Does it correct wheels by more than a filter learns while driving? Poses are better without them.
+    pub(super) fn exceeds_learned_wheels(&self) -> bool {
+        let Change::WheelMatrix(MatrixFit { matrix, .. }) = self else {
+            return false;
+        };
+        let scale = Vector3::new(1.0, 1.0, BASE_RADIUS);
+        let of_motions = |row: usize, column: usize| scale[row] / scale[column];
+        let wrong = (matrix - Matrix3::identity()).component_mul(&Matrix3::from_fn(of_motions));
+        wrong.abs().max() > LEARNED_CORRECTION_MAX
+    }
+
     /// The variant after this change.
     pub(super) fn apply(&self, variant: &SetupVariant) -> SetupVariant {
         let mut changed = variant.clone();

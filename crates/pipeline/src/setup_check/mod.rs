@@ -267,7 +267,7 @@ fn check_points(
                 | Change::OdometryScale(_)
                 | Change::OdometryAxes { .. }
         )
-    });
+    }) || assessment.has_edit(Change::exceeds_learned_wheels);
     if compass {
         report.unusable.push(Table::Compass);
         ranges.retain(|finding| finding.table != Table::Compass);
