@@ -341,3 +341,23 @@ fn mount_text(setup: &Setup, after: &SetupVariant, quarters: u8, mirrored: bool)
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wheels_are_left_out_only_if_they_are_wrong_by_more_than_a_filter_learns() {
+        let with = |row: usize, column: usize, wrong: f32| {
+            let mut matrix = Matrix3::identity();
+            matrix[(row, column)] += wrong;
+            Change::WheelMatrix(MatrixFit { matrix, std: 0.05 })
+        };
+        for (row, column, wrong) in [(0, 0, 0.15), (1, 0, -0.2), (0, 2, 0.05), (2, 1, 0.5)] {
+            assert!(!with(row, column, wrong).exceeds_learned_wheels());
+        }
+        for (row, column, wrong) in [(0, 0, -0.5), (2, 2, 1.0), (0, 2, 0.6), (2, 0, 2.0)] {
+            assert!(with(row, column, wrong).exceeds_learned_wheels());
+        }
+    }
+}
