@@ -10,6 +10,8 @@ SIDE = 12
 COARSE = np.array([0, 2, 4, 7, 9, 11])
 BALL_STEP = 0.4
 OBSTACLE_STEP_M = 1.0 / 11.0
+# Beyond this distance the patch of an obstacle keeps its angles.
+OBSTACLE_RANGE_MAX_M = 6.0
 FOOT_ROW = 3
 LOG_OFFSET = 8.0
 PLACES = np.arange(SIDE) - (SIDE - 1) / 2
@@ -44,6 +46,7 @@ def obstacle_positions(
 ) -> tuple[Floats, Floats]:
     """Columns and rows of obstacles' patches; `jitter`: displacement in rows and metres across, and scale."""
     rows, metres, scale = jitter.T if jitter is not None else (0 * angle, 0 * angle, 1 + 0 * angle)
+    range_m = np.minimum(range_m, OBSTACLE_RANGE_MAX_M)
     step = OBSTACLE_STEP_M / np.hypot(range_m, view.height_m) * scale
     angles = angle[:, None] + (rows[:, None] + np.arange(SIDE) - FOOT_ROW) * step[:, None]
     across = np.arctan2(PLACES * OBSTACLE_STEP_M * scale[:, None], range_m[:, None])

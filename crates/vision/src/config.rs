@@ -286,7 +286,7 @@ impl Default for ObjectDetectionConfig {
             robot_width_max: 1.1,
             robot_depth_step_min: 0.4,
             post_depth_step_min: 0.25,
-            robot_range_max: 7.0,
+            robot_range_max: 12.0,
         }
     }
 }

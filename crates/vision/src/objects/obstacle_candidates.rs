@@ -15,8 +15,8 @@ use crate::objects::foot_edges::{EdgePixels, FootEdges};
 use crate::objects::network::{NETWORKS, softmax};
 use crate::objects::own_parts::OwnParts;
 use crate::objects::patch::{
-    COARSE_SAMPLES, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, normalize_patch,
-    obstacle_row_step, read_patch,
+    COARSE_SAMPLES, CoarsePixels, OBSTACLE_RANGE_MAX, PatchFrame, PatchKind, coarse_pixels,
+    normalize_patch, obstacle_row_step, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
@@ -33,6 +33,12 @@ const BEYOND_LINE_ROW: f32 = 4.0;
 /// Candidates whose pixels the convolution networks judge, and their least log odds by the coarse network.
 const CANDIDATES_MAX: usize = 56;
 const LOG_ODDS_MIN: f32 = -1.5;
+/// The same for those that are farther than any of which the networks learned, their least probability, and the share of the
+/// carpet's reach within which they stand. Walls and benches resemble obstacles there.
+const FAR_CANDIDATES_MAX: usize = 16;
+const FAR_LOG_ODDS_MIN: f32 = 1.0;
+const FAR_PROBABILITY_MIN: f32 = 0.9;
+const FAR_CARPET_SHARE: f32 = 0.9;
 /// Candidates nearer than this are one: metres across, and across where they stand at one distance.
 const SEPARATION_IN_LINE: f32 = 0.18;
 const SEPARATION_ABREAST: f32 = 0.3;
@@ -82,6 +88,11 @@ impl ObstacleCandidate {
         }
     }
 
+    /// True if it is farther than those of which the networks learned.
+    fn is_far(&self) -> bool {
+        self.range > OBSTACLE_RANGE_MAX
+    }
+
     /// Probability of an obstacle.
     pub(crate) fn probability(&self) -> f32 {
         self.robot + self.person
@@ -103,10 +114,12 @@ impl ObstacleGrid {
         };
         let (mut places, mut coarse, mut rows) = (Vec::new(), Vec::new(), Vec::new());
         let mut view_angle = angles.ground_angle(RANGE_MIN);
-        let last = angles.ground_angle(config.robot_range_max.min(6.0));
+        let last = angles.ground_angle(config.robot_range_max);
         while view_angle <= last {
             let range = angles.ground_range(view_angle);
-            let count = (TAU * range / STEP_ACROSS).ceil() as usize;
+            // As far as the patches keep their angles, so do the steps.
+            let patch_range = range.min(OBSTACLE_RANGE_MAX);
+            let count = (TAU * patch_range / STEP_ACROSS).ceil() as usize;
             let step = obstacle_row_step(range, angles.height);
             let first = places.len();
             places.extend((0..count).map(|number| {
@@ -138,7 +151,7 @@ impl ObstacleGrid {
                 count,
                 range: if visible { range } else { f32::INFINITY },
             });
-            view_angle += STEP_ALONG / math::hypot(range, angles.height);
+            view_angle += STEP_ALONG / math::hypot(patch_range, angles.height);
         }
         ObstacleGrid {
             own_parts: OwnParts::new(places.len()),
@@ -150,14 +163,16 @@ impl ObstacleGrid {
         }
     }
 
-    /// Foot points that may show an obstacle, best first by the coarse network, at most [`CANDIDATES_MAX`].
+    /// Foot points that may show an obstacle, best first by the coarse network, at most [`CANDIDATES_MAX`] and
+    /// [`FAR_CANDIDATES_MAX`].
     ///
     /// `is_hidden` says of an azimuth in turns and a distance in metres whether the robot's own body hides that ground: a
-    /// rod that crosses a line looks like a leg.
+    /// rod that crosses a line looks like a leg. `carpet`: range to which the carpet reaches along each ray, metres.
     pub(crate) fn find_candidates(
         &mut self,
         image: &ImageView<'_>,
         table: &ColourLookupTable,
+        carpet: &[f32],
         is_hidden: impl Fn(f32, f32) -> bool,
     ) -> Vec<ObstacleCandidate> {
         let mut steep = self.edges.find(image, table);
@@ -172,38 +187,49 @@ impl ObstacleGrid {
             }
             !own
         });
-        let judged = self.steepest_places(&steep, is_hidden);
+        let judged = self.steepest_places(&steep, carpet, is_hidden);
         let mut ranked: Vec<(f32, ObstacleCandidate)> = Vec::new();
         for places in judged.chunks(LANES) {
             let patches = places.iter().map(|&(place, _)| &self.coarse[place]);
             let network = &NETWORKS.obstacle_coarse;
             let odds = coarse_log_odds(network, PatchKind::Obstacle, image, patches);
             for (&(_, candidate), log_odds) in places.iter().zip(odds) {
-                if log_odds >= LOG_ODDS_MIN {
+                let least = match candidate.is_far() {
+                    true => FAR_LOG_ODDS_MIN,
+                    false => LOG_ODDS_MIN,
+                };
+                if log_odds >= least {
                     ranked.push((log_odds, candidate));
                 }
             }
         }
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut best: Vec<ObstacleCandidate> = Vec::new();
+        let (mut near_count, mut far_count) = (0, 0);
         for (_, candidate) in ranked {
-            if best.len() == CANDIDATES_MAX {
-                break;
-            }
-            if best.iter().all(|other| {
-                across(other, &candidate) > 0.7 * SEPARATION_IN_LINE
-                    || (other.range - candidate.range).abs() > 0.15 * candidate.range
-            }) {
+            let (count, most) = match candidate.is_far() {
+                true => (&mut far_count, FAR_CANDIDATES_MAX),
+                false => (&mut near_count, CANDIDATES_MAX),
+            };
+            if *count < most
+                && best.iter().all(|other| {
+                    across(other, &candidate) > 0.7 * SEPARATION_IN_LINE
+                        || (other.range - candidate.range).abs() > 0.15 * candidate.range
+                })
+            {
                 best.push(candidate);
+                *count += 1;
             }
         }
         best
     }
 
-    /// Of places with an edge, those where it is steepest along the view and across it, with their candidates.
+    /// Of places with an edge, those where it is steepest along the view and across it, and all far ones on the carpet, whose
+    /// edges lie close together; with their candidates.
     fn steepest_places(
         &self,
         steep: &[usize],
+        carpet: &[f32],
         is_hidden: impl Fn(f32, f32) -> bool,
     ) -> Vec<(usize, ObstacleCandidate)> {
         let edges = &self.edges.steps;
@@ -227,11 +253,18 @@ impl ObstacleGrid {
                     edges[row.first + nearest] > edges[place]
                 })
             };
-            let before = if number == 0 { count - 1 } else { number - 1 };
-            let after = if number + 1 == count { 0 } else { number + 1 };
-            let beside = [before, after].map(|number| edges[first + number] > edges[place]);
-            if beside != [false; 2] || steeper(row.checked_sub(1)) || steeper(Some(row + 1)) {
-                continue;
+            if range > OBSTACLE_RANGE_MAX {
+                let ray = (turns * carpet.len() as f32).round() as usize % carpet.len();
+                if range > FAR_CARPET_SHARE * carpet[ray] {
+                    continue;
+                }
+            } else {
+                let before = if number == 0 { count - 1 } else { number - 1 };
+                let after = if number + 1 == count { 0 } else { number + 1 };
+                let beside = [before, after].map(|number| edges[first + number] > edges[place]);
+                if beside != [false; 2] || steeper(row.checked_sub(1)) || steeper(Some(row + 1)) {
+                    continue;
+                }
             }
             if is_hidden(turns, range) {
                 continue;
@@ -252,7 +285,13 @@ impl ObstacleGrid {
         for candidate in &mut candidates {
             *candidate = self.judge_at(image, candidate.range, candidate.azimuth);
         }
-        candidates.retain(|candidate| candidate.probability() >= probability_min);
+        candidates.retain(|candidate| {
+            let least = match candidate.is_far() {
+                true => FAR_PROBABILITY_MIN.max(probability_min),
+                false => probability_min,
+            };
+            candidate.probability() >= least
+        });
         candidates.sort_by(|a, b| b.probability().total_cmp(&a.probability()));
         let mut best: Vec<ObstacleCandidate> = Vec::new();
         for candidate in candidates {
@@ -322,9 +361,11 @@ fn azimuth_of_place(number: usize, count: usize) -> f32 {
     TAU * number as f32 / count as f32
 }
 
-/// Distance across the view between two candidates, metres at the nearer one.
+/// Distance across the view between two candidates, metres at the nearer one; far ones as if they stood where patches
+/// keep their angles.
 fn across(a: &ObstacleCandidate, b: &ObstacleCandidate) -> f32 {
-    localize::frames::wrap_angle(a.azimuth - b.azimuth).abs() * a.range.min(b.range)
+    let range = a.range.min(b.range).min(OBSTACLE_RANGE_MAX);
+    localize::frames::wrap_angle(a.azimuth - b.azimuth).abs() * range
 }
 
 /// True if two candidates are one obstacle, or one stands behind the other.

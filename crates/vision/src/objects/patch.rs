@@ -28,6 +28,8 @@ pub(crate) const COARSE_SAMPLES: usize = COARSE.len() * COARSE.len();
 const BALL_STEP: f32 = 0.4;
 /// Step of an obstacle's patch at its foot, metres: the patch is a metre wide.
 const OBSTACLE_STEP: f32 = 1.0 / 11.0;
+/// Beyond this distance the patch of an obstacle keeps its angles, metres: the networks learned from none that are smaller.
+pub(crate) const OBSTACLE_RANGE_MAX: f32 = 6.0;
 /// Row of an obstacle's foot.
 const FOOT_ROW: f32 = 3.0;
 /// Added before the logarithm, levels: noise of dark pixels has little effect.
@@ -91,7 +93,7 @@ impl PatchFrame {
             azimuth,
             row_step: obstacle_row_step(range, height),
             origin_row: FOOT_ROW,
-            columns: Columns::Metric(OBSTACLE_STEP, range),
+            columns: Columns::Metric(OBSTACLE_STEP, range.min(OBSTACLE_RANGE_MAX)),
         }
     }
 
@@ -140,7 +142,7 @@ impl<const N: usize> Directions<N> {
 
 /// View angle per row of an obstacle's patch at a ground distance, radians: as long as a column is wide.
 pub(crate) fn obstacle_row_step(range: f32, height: f32) -> f32 {
-    OBSTACLE_STEP / math::hypot(range, height)
+    OBSTACLE_STEP / math::hypot(range.min(OBSTACLE_RANGE_MAX), height)
 }
 
 /// Half the angles that a ball on the ground covers, radians.
@@ -403,6 +405,21 @@ mod tests {
             let inside = [1.0; SAMPLES];
             PatchColours { rgb, inside }
         }
+    }
+
+    #[test]
+    fn far_patch_of_an_obstacle_keeps_the_angles_of_the_last_distance_that_networks_know() {
+        let (last, far) = [OBSTACLE_RANGE_MAX, 2.0 * OBSTACLE_RANGE_MAX]
+            .map(|range| PatchFrame::obstacle(range, 0.3, 0.75))
+            .into();
+        let turned = |frame: PatchFrame| PatchFrame {
+            view_angle: last.view_angle,
+            ..frame
+        };
+        assert!(far.view_angle > last.view_angle);
+        assert_eq!(turned(far), last);
+        let near = PatchFrame::obstacle(OBSTACLE_RANGE_MAX / 2.0, 0.3, 0.75);
+        assert!(near.row_step > 1.8 * last.row_step);
     }
 
     #[test]

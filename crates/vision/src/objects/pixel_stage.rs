@@ -230,18 +230,21 @@ impl PixelStage {
         self.obstacles.is_new_view()
     }
 
-    /// Robots and people. `by_carpet`: obstacles at the carpet's end. `is_hidden`: see [`ObstacleGrid::find_candidates`].
+    /// Robots and people. `by_carpet`: obstacles at the carpet's end. `carpet_end`: range of that along each ray, metres.
+    /// `is_hidden`: see [`ObstacleGrid::find_candidates`].
     pub(crate) fn detect_obstacles(
         &mut self,
         input: PixelStageInput<'_>,
         by_carpet: Vec<RobotDetection>,
+        carpet_end: &[f32],
         is_hidden: impl Fn(f32, f32) -> bool,
         rejected: &mut Vec<RejectedObject>,
     ) -> Vec<RobotDetection> {
         let PixelStageInput { image, config, .. } = input;
-        let candidates = self
-            .obstacles
-            .find_candidates(image, input.lookup_table, is_hidden);
+        let carpet = self.carpet_hull.ranges(carpet_end);
+        let candidates =
+            self.obstacles
+                .find_candidates(image, input.lookup_table, &carpet, is_hidden);
         let candidates = self
             .obstacles
             .judge(image, candidates, config.obstacle_probability_min);
@@ -309,16 +312,18 @@ impl PixelStage {
         candidate: &ObstacleCandidate,
     ) -> Option<RobotDetection> {
         let config = input.config;
-        let range = refine_foot(input.image, &self.angles, candidate);
-        if !(range > 0.0 && range <= config.robot_range_max) {
-            return None;
-        }
+        // Near the horizon a fraction of a row is metres.
+        let refined = refine_foot(input.image, &self.angles, candidate);
+        let range = match refined > 0.0 && refined <= config.robot_range_max {
+            true => refined,
+            false => candidate.range,
+        };
         let foot = ObstacleCandidate {
             range,
             ..*candidate
         };
         let position_px = self.obstacles.foot_px(&foot);
-        let [ex, ey] = ground_direction(input.map, position_px)?;
+        let [ex, ey] = self.direction(input.map, &foot)?;
         let marker = self.team_marker(input, &foot);
         let (kind, radius) = match marker.is_none() && candidate.person > candidate.robot {
             true => (ObstacleKind::Person, PERSON_RADIUS),
@@ -326,7 +331,7 @@ impl PixelStage {
         };
         let middle = range + radius;
         let row = self.angles.ground_angle(range) + obstacle_row_step(range, self.angles.height);
-        let along = 0.05 + 0.3 * (self.angles.ground_range(row) - range).min(1.0);
+        let along = 0.05 + 0.3 * (self.angles.ground_range(row) - range).min(range);
         let across = 0.08 + 0.02 * range;
         Some(RobotDetection {
             at: At::new(middle * ex, middle * ey),
@@ -337,6 +342,18 @@ impl PixelStage {
             score: candidate.probability(),
             position_px,
             kind,
+        })
+    }
+
+    /// Unit vector to an obstacle's foot, robot frame: where the map shows no ground so far away, that of the last ground
+    /// before it.
+    fn direction(&self, map: &GroundMap, foot: &ObstacleCandidate) -> Option<[f32; 2]> {
+        let step = obstacle_row_step(foot.range, self.angles.height);
+        let last = self.angles.ground_angle(foot.range);
+        let rows = (0..).map(|row| last - row as f32 * step);
+        let mut before = rows.take_while(|&view_angle| view_angle > 0.0);
+        before.find_map(|view_angle| {
+            ground_direction(map, self.angles.position_px(view_angle, foot.azimuth))
         })
     }
 

@@ -45,9 +45,13 @@ impl Vision {
         let rejected = &mut detections.rejected_objects;
         let own_body = &self.own_body;
         let is_hidden = |turns, range| own_body.hides(turns, range);
-        detections.robots =
-            self.pixel_stage
-                .detect_obstacles(stage_input, robots, is_hidden, rejected);
+        detections.robots = self.pixel_stage.detect_obstacles(
+            stage_input,
+            robots,
+            &detections.carpet_end,
+            is_hidden,
+            rejected,
+        );
         if self.pixel_stage.is_new_view() {
             self.own_body.add_view(&self.radial_scan);
         }
