@@ -228,18 +228,16 @@ impl Localizer {
         }
         let consistent = is_consistent(filter, &matched);
         let poor = self.is_poor_match(matched.inlier_share);
-        if consistent && !poor {
+        let agrees = consistent && !poor;
+        if agrees && matched.repetition_ratio <= 1.0 {
             return TrackedMatch::new(matched, Agreement::Consistent);
         }
-        let reach = self.config.mode.unreported_motion_max;
-        let free = self
-            .matcher
-            .refine(&self.distance_field, points, filter.pose(), reach);
-        let offset = free.pose.difference(filter.pose());
-        if !self.is_poor_match(free.inlier_share)
-            && (free.score - matched.score) * points.len() as f32 > self.score_margin(points.len())
-            && math::hypot(offset[0], offset[1]) < 2.0 * reach
-        {
+        if let Some(free) = self.match_freely(filter, points, &matched) {
+            if agrees {
+                // Images that repeat errors count so little that slow wheels pulled the pose off the markings.
+                filter.learn_noise(&free, self.tilt_prior);
+            }
+            let offset = free.pose.difference(filter.pose());
             let information = prior.information.fixed_view::<3, 3>(0, 0);
             filter.inflate_covariance(offset.dot(&(information * offset)));
             return TrackedMatch::new(free, Agreement::Inflated);
@@ -258,6 +256,29 @@ impl Localizer {
             .matcher
             .refine_with_prior(&self.distance_field, points, prior, start);
         TrackedMatch::new(matched, Agreement::Inflated)
+    }
+
+    /// The match without the prediction, if it explains clearly more points than the one under it.
+    fn match_freely(
+        &mut self,
+        filter: &PoseFilter,
+        points: &[LinePoint],
+        matched: &Match,
+    ) -> Option<Match> {
+        let margin = self.score_margin(points.len());
+        let gain = |score: f32| (score - matched.score) * points.len() as f32;
+        if gain(1.0) <= margin {
+            return None;
+        }
+        let reach = self.config.mode.unreported_motion_max;
+        let free = self
+            .matcher
+            .refine(&self.distance_field, points, filter.pose(), reach);
+        let offset = free.pose.difference(filter.pose());
+        let is_better = !self.is_poor_match(free.inlier_share)
+            && gain(free.score) > margin
+            && math::hypot(offset[0], offset[1]) < 2.0 * reach;
+        is_better.then_some(free)
     }
 
     /// The best of a match and of those from tilted starts. A large tilt moves far points to other markings.
