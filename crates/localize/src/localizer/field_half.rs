@@ -11,7 +11,8 @@ use crate::stamp::Stamp;
 /// Log odds of the field half of the tracked pose.
 ///
 /// The errors of one compass are correlated: a stuck one, or one next to a motor, contradicts permanently. An established
-/// half is therefore only overturned by a compass that was observed to follow the robot's rotation.
+/// half is therefore only overturned by a compass that was observed to follow the robot's rotation, and for longer than
+/// it agreed with the half: steel or a motor nearby turns it for some seconds.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct HalfEvidence {
     /// Of the tracked half against the other one.
@@ -19,6 +20,8 @@ pub(super) struct HalfEvidence {
     /// The log odds have reached their maximum, or the half was given.
     established: bool,
     compass_monitor: Option<CompassMonitor>,
+    /// Rotation over which the compass agreed with the half, radians, at most [`AGREED_TURN_MAX`].
+    agreed_turn: f32,
     /// Log odds of contradicting readings that do not count yet, at most 0. They leave the half unknown until the robot
     /// has turned far enough to tell a working compass from a stuck one.
     withheld: f32,
@@ -37,6 +40,18 @@ pub struct HalfState {
     pub established: bool,
 }
 
+/// An established half counts as if the compass had agreed with it at least over this rotation, radians.
+const ESTABLISHED_TURN: f32 = std::f32::consts::PI;
+
+/// Rotation beyond which more agreement adds nothing, radians: a robot that was carried to the other half is to be found.
+const AGREED_TURN_MAX: f32 = 4.0 * std::f32::consts::PI;
+
+/// Rotation of the contradiction that overturns a half over that of the agreement.
+const CONTRADICTION_RATIO: f32 = 2.0;
+
+/// Rotations are counted in steps of this size, radians, so that the noise of the heading adds none.
+const TURN_STEP: f32 = 0.2;
+
 /// Weight of one image's goals, below 1 since successive images show the same goal in the same light.
 const GOAL_EVIDENCE_SHARE: f32 = 0.2;
 
@@ -53,6 +68,12 @@ struct CompassMonitor {
     start_heading: f32,
     /// Largest rotation since the start.
     rotation_max: f32,
+    /// Heading up to which rotations are counted.
+    counted_heading: f32,
+    /// Sum of the rotations, either way, that no reading has been credited with yet.
+    uncredited_turn: f32,
+    /// Rotation over which verified readings contradicted the half.
+    contradicted_turn: f32,
 }
 
 impl HalfEvidence {
@@ -79,6 +100,7 @@ impl HalfEvidence {
             log_odds: state.log_odds,
             withheld: state.withheld,
             established: state.established,
+            agreed_turn: f32::from(u8::from(state.established)) * ESTABLISHED_TURN,
             compass_monitor: None,
         }
     }
@@ -125,7 +147,8 @@ impl HalfEvidence {
 
     /// Adds a compass reading. `heading`: tracked heading at `stamp`. `undisturbed`: the reading agrees with the gyro.
     ///
-    /// A reading that contradicts the gyro or an established half counts once the compass has followed a rotation.
+    /// A reading that contradicts the gyro counts once the compass has followed a rotation, one that contradicts an
+    /// established half once it has done so for longer than it agreed.
     pub(super) fn update_compass(
         &mut self,
         stamp: Stamp,
@@ -135,23 +158,36 @@ impl HalfEvidence {
         config: &CompassConfig,
     ) {
         let deviation = wrap_angle(heading - reading);
-        let previous = self.compass_monitor;
-        let monitor = match previous {
+        let mut monitor = match self.compass_monitor {
             Some(monitor) => monitor.update(stamp, heading, deviation, config),
             None => CompassMonitor::new(stamp, heading, deviation),
         };
-        self.compass_monitor = Some(monitor);
         if monitor.count == 1.0 {
             // The compass did not follow the robot: what it said before is void.
             self.withheld = 0.0;
         }
         let log_odds = reading_log_odds(deviation, config);
+        let agrees = log_odds >= 0.0;
         let verified = monitor.rotation_max >= config.verified_turn_deg.to_radians();
-        if verified || undisturbed && (log_odds >= 0.0 || !self.established) {
+        if verified {
+            let turn = std::mem::take(&mut monitor.uncredited_turn);
+            if agrees {
+                self.agreed_turn = (self.agreed_turn + turn).min(AGREED_TURN_MAX);
+            } else {
+                monitor.contradicted_turn += turn;
+            }
+        }
+        let overturns = monitor.contradicted_turn > CONTRADICTION_RATIO * self.agreed_turn;
+        let counts = (verified || undisturbed) && (agrees || !self.established || overturns);
+        self.compass_monitor = Some(monitor);
+        if counts {
             self.withheld = 0.0;
             self.log_odds =
                 (self.log_odds + log_odds).clamp(-config.log_odds_max, config.log_odds_max);
-            self.established |= self.log_odds >= config.log_odds_max;
+            if self.log_odds >= config.log_odds_max && !self.established {
+                self.established = true;
+                self.agreed_turn = self.agreed_turn.max(ESTABLISHED_TURN);
+            }
         } else {
             self.withheld = (self.withheld + log_odds).clamp(-2.0 * config.log_odds_max, 0.0);
         }
@@ -168,6 +204,9 @@ impl CompassMonitor {
             smoothed_deviation: 0.0,
             start_heading: heading,
             rotation_max: 0.0,
+            counted_heading: heading,
+            uncredited_turn: 0.0,
+            contradicted_turn: 0.0,
         }
     }
 
@@ -190,6 +229,11 @@ impl CompassMonitor {
         self.rotation_max = self
             .rotation_max
             .max(wrap_angle(heading - self.start_heading).abs());
+        let turn = wrap_angle(heading - self.counted_heading).abs();
+        if turn >= TURN_STEP {
+            self.counted_heading = heading;
+            self.uncredited_turn += turn;
+        }
         if wrap_angle(self.smoothed_deviation - self.mean_deviation).abs()
             > 3.0 * config.std_deg.to_radians()
         {
@@ -256,6 +300,24 @@ mod tests {
         assert!(
             half.log_odds() >= 9.0 && half.log_odds_with_withheld() < config.half_known_log_odds
         );
+    }
+
+    #[test]
+    fn compass_that_is_disturbed_for_some_seconds_leaves_the_half_unknown() {
+        let config = CompassConfig::default();
+        let half_turned = |heading: f32, _| heading + std::f32::consts::PI;
+        let mut half = HalfEvidence::default();
+        feed_compass(&mut half, 0.0, |heading, _| heading);
+        feed_compass(&mut half, 10.0, half_turned);
+        assert!(half.log_odds() >= 9.0, "{}", half.log_odds());
+        assert!(half.log_odds_with_withheld() < config.half_known_log_odds);
+        feed_compass(&mut half, 20.0, |heading, _| heading);
+        assert!(half.log_odds_with_withheld() >= config.half_known_log_odds);
+        // For longer than it ever agreed: the robot is in the other half.
+        for period in 3..9 {
+            feed_compass(&mut half, 10.0 * period as f32, half_turned);
+        }
+        assert!(half.log_odds() <= -9.0, "{}", half.log_odds());
     }
 
     #[test]
