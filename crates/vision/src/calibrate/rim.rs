@@ -42,6 +42,15 @@ const DIRECTIONS: usize = 720;
 /// Distance of an edge point on the circle, pixels: a blurred rim is this wide.
 const TOLERANCE_PX: f32 = 2.5;
 
+/// Width of the halo of stray light beyond the rim, as a share of its radius.
+const HALO_SHARE: f32 = 0.08;
+
+/// Half the distance over which a fall of the values is measured, pixels.
+const FALL_PX: f32 = 2.0;
+
+/// The rim is the outermost fall that is at least this share of the steepest one: the scene near it has edges, too.
+const STEEP_SHARE: f32 = 0.5;
+
 /// Least contrast of the rim, levels.
 const CONTRAST_MIN: f32 = 8.0;
 
@@ -131,7 +140,8 @@ fn brightest_values(images: &[&Image], [width, height]: [usize; 2]) -> Vec<f32> 
     brightest
 }
 
-/// Outermost points, seen from the image's centre, beyond which the image stays dark.
+/// Outermost points, seen from the image's centre, beyond which the image stays dark. Stray light makes a halo beyond the rim,
+/// so the steepest fall near the outermost bright value is the edge.
 fn border_edges(brightest: &[f32], [width, height]: [usize; 2]) -> Vec<[f32; 2]> {
     let mut sorted = brightest.to_vec();
     sorted.sort_by(f32::total_cmp);
@@ -163,16 +173,39 @@ fn border_edges(brightest: &[f32], [width, height]: [usize; 2]) -> Vec<[f32; 2]>
         if end - radius < 4.0 || radius <= 0.25 * end {
             continue;
         }
-        let (Some(inner), Some(outer)) = (at(radius), at(radius + 1.0)) else {
-            continue;
-        };
-        let part = ((inner - threshold) / (inner - outer).max(1e-3)).clamp(0.0, 1.0);
-        edges.push([
-            centre[0] + (radius + part) * cos,
-            centre[1] + (radius + part) * sin,
-        ]);
+        let edge = steepest_fall(at, radius);
+        edges.push([centre[0] + edge * cos, centre[1] + edge * sin]);
     }
     edges
+}
+
+/// Radius of the outermost steep fall of a ray's values, from a radius beyond it inward, to a fraction of a pixel.
+fn steepest_fall(at: impl Fn(f32) -> Option<f32>, outermost: f32) -> f32 {
+    let fall = |radius: f32| Some(at(radius - FALL_PX)? - at(radius + FALL_PX)?);
+    let reach = (HALO_SHARE * outermost).max(2.0 * FALL_PX) as usize;
+    let radii = (0..=reach).map(|step| outermost + FALL_PX - step as f32);
+    let falls: Vec<(f32, f32)> = radii
+        .filter_map(|radius| Some((radius, fall(radius)?)))
+        .collect();
+    let steepest = falls.iter().fold(0.0f32, |most, &(_, fall)| most.max(fall));
+    let Some(first) = falls
+        .iter()
+        .position(|&(_, fall)| fall >= STEEP_SHARE * steepest)
+    else {
+        return outermost;
+    };
+    // The fall's own summit, and its middle between samples.
+    let rest = &falls[first..];
+    let rising = rest.windows(2).take_while(|pair| pair[1].1 >= pair[0].1);
+    let summit = first + rising.count();
+    let [before, here, after] = [summit.wrapping_sub(1), summit, summit + 1]
+        .map(|index| falls.get(index).map_or(0.0, |&(_, fall)| fall));
+    let curvature = before - 2.0 * here + after;
+    let offset = match curvature < 0.0 {
+        true => (0.5 * (before - after) / curvature).clamp(-0.5, 0.5),
+        false => 0.0,
+    };
+    falls[summit].0 - offset
 }
 
 /// The circle (column, row, radius) through three of the points that most points lie on.
