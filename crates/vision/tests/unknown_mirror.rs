@@ -226,16 +226,20 @@ fn rim_of_one_image_is_within_three_pixels() {
     }
 }
 
-/// A disc of several greys whose rim the image's edges cut, as most cameras see it.
-fn cropped_disc(centre: [f32; 2], radius: f32) -> Image {
-    let (width_px, height_px) = (160, 120);
+/// A disc of several greys. `beyond`: level at a distance beyond its rim (pixels) and a column.
+fn disc(
+    [width_px, height_px]: [usize; 2],
+    centre: [f32; 2],
+    radius: f32,
+    beyond: impl Fn(f32, usize) -> f32,
+) -> Image {
     let mut rgb = Vec::new();
     for (v, u) in (0..height_px).flat_map(|v| (0..width_px).map(move |u| (v, u))) {
-        let inside = localize::math::hypot(u as f32 - centre[0], v as f32 - centre[1]) < radius;
-        let level = if inside {
+        let outside = localize::math::hypot(u as f32 - centre[0], v as f32 - centre[1]) - radius;
+        let level = if outside < 0.0 {
             70 + (u * 7 + v * 13) as u8 % 90
         } else {
-            9
+            beyond(outside, u) as u8
         };
         rgb.extend([level; 3]);
     }
@@ -248,7 +252,7 @@ fn cropped_disc(centre: [f32; 2], radius: f32) -> Image {
 
 #[test]
 fn rim_that_the_image_cuts_is_found_from_its_corners() {
-    let image = cropped_disc([82.0, 57.5], 90.0);
+    let image = disc([160, 120], [82.0, 57.5], 90.0, |_, _| 9.0);
     let rim = find_rim(&[&image]).expect("a rim");
     let [u, v] = rim.centre_px;
     assert!((u - 82.0).abs() < 1.5 && (v - 57.5).abs() < 1.5, "{rim:?}");
@@ -257,7 +261,7 @@ fn rim_that_the_image_cuts_is_found_from_its_corners() {
 
 #[test]
 fn image_without_a_dark_border_has_no_rim() {
-    assert!(find_rim(&[&cropped_disc([80.0, 60.0], 400.0)]).is_err());
+    assert!(find_rim(&[&disc([160, 120], [80.0, 60.0], 400.0, |_, _| 9.0)]).is_err());
 }
 
 #[test]
@@ -281,4 +285,20 @@ fn field_a_fifth_smaller_is_refused_in_favour_of_the_right_one() {
     );
     let accepted = calibrate("msl_18x12.toml", "custom.toml");
     assert!(accepted.is_ok(), "{:?}", accepted.err());
+}
+
+#[test]
+fn halo_of_stray_light_beyond_the_rim_moves_neither_centre_nor_radius() {
+    let centre = [251.0, 238.0];
+    // Brighter on the right, where a window is.
+    let halo = |outside: f32, column: usize| {
+        6.0 + (20.0 + 0.08 * column as f32) * localize::math::exp(-outside / 9.0)
+    };
+    let rim = find_rim(&[&disc([500, 480], centre, 220.0, halo)]).expect("a rim");
+    let [u, v] = rim.centre_px;
+    assert!(
+        (u - centre[0]).abs() < 0.5 && (v - centre[1]).abs() < 0.5,
+        "{rim:?}"
+    );
+    assert!((rim.radius_px - 220.0).abs() < 1.0, "{rim:?}");
 }
