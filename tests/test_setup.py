@@ -531,6 +531,41 @@ def test_start_with_a_mirror_aslant_finds_no_other_place(tmp_path: Path, robot: 
     assert max(error for error, _ in errors[20:]) < 0.15
 
 
+CREEPING = """\
+robot = "{config}/robots/default.toml"
+field = "{config}/fields/msl_18x12.toml"
+seed = 43
+duration = 12.0
+frame_rate_hz = 20.0
+start = {{ x = 1.0, y = -2.0, theta_deg = 70.0 }}
+[path]
+speed = 1.5
+turn_rate_deg = 60.0
+commands = [{{ time = 0.5, vx = {vx}, vy = {vy}, turn_deg = {turn} }}]
+[[faults]]
+kind = "wheel_stuck"
+start = 0.0
+stop = 12.0
+wheel = {wheel}
+"""
+
+
+@pytest.mark.parametrize(
+    ("wheel", "vx", "vy", "turn"), [(2, 0.05, 0.03, 3.0), (0, 0.05, 0.03, 3.0), (0, 0.1, 0.05, 0.0), (2, 0.05, 0.0, 0.0)]
+)
+def test_dead_encoder_of_a_creeping_robot_does_not_pull_the_pose_off_the_markings(
+    tmp_path: Path, wheel: int, vx: float, vy: float, turn: float
+) -> None:
+    # Its images hardly move by the wheels, so their errors count as repeated, and a slow error of the wheels weighs more.
+    scenario, out, truth = tmp_path / "creeping.toml", tmp_path / "poses.csv", tmp_path / "truth.csv"
+    scenario.write_text(CREEPING.format(config=ROOT / "config", wheel=wheel, vx=vx, vy=vy, turn=turn))
+    run("sim", scenario, "--out", out, "--truth", truth)
+    errors = errors_of(out, truth)
+    assert len(errors) > 200
+    assert max(error for error, _ in errors) < 0.08
+    assert all(error < 3.0 * std for error, std in errors)
+
+
 SHIFTED = """\
 robot = "robot.toml"
 field = "{fields}/msl_18x12.toml"
