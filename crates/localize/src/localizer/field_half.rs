@@ -11,8 +11,9 @@ use crate::stamp::Stamp;
 /// Log odds of the field half of the tracked pose.
 ///
 /// The errors of one compass are correlated: a stuck one, or one next to a motor, contradicts permanently. An established
-/// half is therefore only overturned by a compass that was observed to follow the robot's rotation, and for longer than
-/// it agreed with the half: steel or a motor nearby turns it for some seconds.
+/// half is therefore only overturned by a compass that was observed to follow the robot's rotation, and either deviates by half a
+/// turn more than while it agreed, as after the robot was carried to its mirrored place, or contradicts for longer than it
+/// agreed: steel or a motor nearby turns it for some seconds.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct HalfEvidence {
     /// Of the tracked half against the other one.
@@ -22,6 +23,8 @@ pub(super) struct HalfEvidence {
     compass_monitor: Option<CompassMonitor>,
     /// Rotation over which the compass agreed with the half, radians, at most [`AGREED_TURN_MAX`].
     agreed_turn: f32,
+    /// Mean deviation of the tracked heading from the compass while it last agreed, radians.
+    agreed_deviation: Option<f32>,
     /// Log odds of contradicting readings that do not count yet, at most 0. They leave the half unknown until the robot
     /// has turned far enough to tell a working compass from a stuck one.
     withheld: f32,
@@ -45,6 +48,10 @@ const ESTABLISHED_TURN: f32 = std::f32::consts::PI;
 
 /// Rotation beyond which more agreement adds nothing, radians: a robot that was carried to the other half is to be found.
 const AGREED_TURN_MAX: f32 = 4.0 * std::f32::consts::PI;
+
+/// Distance of a change of the deviation from half a turn up to which the robot's place may have changed, standard deviations of
+/// a reading.
+const HALF_TURN_SIGMAS: f32 = 2.0;
 
 /// Rotation of the contradiction that overturns a half over that of the agreement.
 const CONTRADICTION_RATIO: f32 = 2.0;
@@ -101,6 +108,7 @@ impl HalfEvidence {
             withheld: state.withheld,
             established: state.established,
             agreed_turn: f32::from(u8::from(state.established)) * ESTABLISHED_TURN,
+            agreed_deviation: None,
             compass_monitor: None,
         }
     }
@@ -148,7 +156,7 @@ impl HalfEvidence {
     /// Adds a compass reading. `heading`: tracked heading at `stamp`. `undisturbed`: the reading agrees with the gyro.
     ///
     /// A reading that contradicts the gyro counts once the compass has followed a rotation, one that contradicts an
-    /// established half once it has done so for longer than it agreed.
+    /// established half once it has followed a rotation half a turn off, or contradicted for longer than it agreed.
     pub(super) fn update_compass(
         &mut self,
         stamp: Stamp,
@@ -177,13 +185,18 @@ impl HalfEvidence {
                 monitor.contradicted_turn += turn;
             }
         }
-        let overturns = monitor.contradicted_turn > CONTRADICTION_RATIO * self.agreed_turn;
+        let overturns = verified && self.is_half_turned(monitor.deviation(), config)
+            || monitor.contradicted_turn > CONTRADICTION_RATIO * self.agreed_turn;
         let counts = (verified || undisturbed) && (agrees || !self.established || overturns);
         self.compass_monitor = Some(monitor);
+        if counts && agrees {
+            self.agreed_deviation = Some(monitor.deviation());
+        }
         if counts {
-            self.withheld = 0.0;
-            self.log_odds =
-                (self.log_odds + log_odds).clamp(-config.log_odds_max, config.log_odds_max);
+            // What was withheld counts with the reading that it agrees with.
+            let withheld = std::mem::take(&mut self.withheld);
+            let sum = self.log_odds + log_odds + if agrees { 0.0 } else { withheld };
+            self.log_odds = sum.clamp(-config.log_odds_max, config.log_odds_max);
             if self.log_odds >= config.log_odds_max && !self.established {
                 self.established = true;
                 self.agreed_turn = self.agreed_turn.max(ESTABLISHED_TURN);
@@ -191,6 +204,14 @@ impl HalfEvidence {
         } else {
             self.withheld = (self.withheld + log_odds).clamp(-2.0 * config.log_odds_max, 0.0);
         }
+    }
+
+    /// Does the compass deviate by half a turn more than while it agreed?
+    fn is_half_turned(&self, deviation: f32, config: &CompassConfig) -> bool {
+        self.agreed_deviation.is_some_and(|agreed| {
+            let beside = std::f32::consts::PI - wrap_angle(deviation - agreed).abs();
+            beside < HALF_TURN_SIGMAS * config.std_deg.to_radians()
+        })
     }
 }
 
@@ -208,6 +229,11 @@ impl CompassMonitor {
             uncredited_turn: 0.0,
             contradicted_turn: 0.0,
         }
+    }
+
+    /// Mean deviation, radians.
+    fn deviation(&self) -> f32 {
+        wrap_angle(self.reference_deviation + self.mean_deviation)
     }
 
     /// Adds a reading. Restarts if the compass does not follow the robot's rotation.
@@ -305,18 +331,34 @@ mod tests {
     #[test]
     fn compass_that_is_disturbed_for_some_seconds_leaves_the_half_unknown() {
         let config = CompassConfig::default();
-        let half_turned = |heading: f32, _| heading + std::f32::consts::PI;
-        let mut half = HalfEvidence::default();
-        feed_compass(&mut half, 0.0, |heading, _| heading);
-        feed_compass(&mut half, 10.0, half_turned);
-        assert!(half.log_odds() >= 9.0, "{}", half.log_odds());
-        assert!(half.log_odds_with_withheld() < config.half_known_log_odds);
-        feed_compass(&mut half, 20.0, |heading, _| heading);
-        assert!(half.log_odds_with_withheld() >= config.half_known_log_odds);
-        // For longer than it ever agreed: the robot is in the other half.
-        for period in 3..9 {
-            feed_compass(&mut half, 10.0 * period as f32, half_turned);
+        for disturbance in [2.1_f32, -2.5] {
+            let disturbed = |heading: f32, _| heading + disturbance;
+            let mut half = HalfEvidence::default();
+            feed_compass(&mut half, 0.0, |heading, _| heading);
+            feed_compass(&mut half, 10.0, disturbed);
+            assert!(half.log_odds() >= 9.0, "{}", half.log_odds());
+            assert!(half.log_odds_with_withheld() < config.half_known_log_odds);
+            feed_compass(&mut half, 20.0, |heading, _| heading);
+            assert!(half.log_odds_with_withheld() >= config.half_known_log_odds);
+            // For longer than it ever agreed: the robot is in the other half.
+            for period in 3..9 {
+                feed_compass(&mut half, 10.0 * period as f32, disturbed);
+            }
+            assert!(
+                half.log_odds() < -config.half_known_log_odds,
+                "{}",
+                half.log_odds()
+            );
         }
+    }
+
+    #[test]
+    fn compass_that_turns_by_half_a_turn_overturns_the_half_once_it_has_followed_a_rotation() {
+        let mut half = HalfEvidence::default();
+        feed_compass(&mut half, 0.0, |heading, _| heading + 0.2);
+        feed_compass(&mut half, 10.0, |heading, _| {
+            heading + 0.2 + std::f32::consts::PI
+        });
         assert!(half.log_odds() <= -9.0, "{}", half.log_odds());
     }
 
