@@ -282,3 +282,46 @@ def test_killed_simulation_leaves_a_log_that_can_be_recovered_beside_the_earlier
     assert log.read_text() == "of an earlier run"
     assert run("recover", part, "--out", tmp_path / "whole.mcap").returncode == 0
     assert run("replay", tmp_path / "whole.mcap", "--verify").returncode == 0
+
+
+def test_output_that_is_an_input_is_refused_before_the_work(tmp_path: Path) -> None:
+    """A scenario, its robot and field, a drive and its images, a drawing and a design stay as they are."""
+    drive = tmp_path / "drive"
+    shutil.copytree(SEQUENCE, drive)
+    (tmp_path / "link").symlink_to(drive)
+    robot, field, scenario = tmp_path / "robot.toml", tmp_path / "field.toml", tmp_path / "scenario.toml"
+    shutil.copy(ROOT / "config/fields/msl_18x12.toml", field)
+    robot.write_text(f'field = "field.toml"\n[mirror]\nprofile = "{ROOT}/config/mirrors/isometric.csv"\n')
+    scenario.write_text('robot = "robot.toml"\n')
+    drawing, design = tmp_path / "hall.svg", tmp_path / "mirror.toml"
+    for path in (drawing, design):
+        path.write_text("x = 1\n")
+    image = next((drive / "frames").iterdir())
+    refused: list[list[object]] = [
+        ["sim", scenario, "--truth", scenario],
+        ["sim", scenario, "--out", tmp_path / "drive" / ".." / "robot.toml"],
+        ["sim", scenario, "--record", field],
+        ["sim", scenario, "--hardware", tmp_path],
+        ["calibrate", "wheels", drive, "--out", tmp_path / "link" / "odometry.csv"],
+        ["calibrate", "imu", drive, "--out", drive / "robot.toml"],
+        ["calibrate", "sizes", drive, "--out", drive / "frames.csv"],
+        ["calibrate", "colours", drive, "--out", drive / "robot.toml"],
+        ["calibrate", "mask", drive, "--out", drive / "frames.csv"],
+        ["calibrate", "rim", drive, "--out", drive / "frames.csv"],
+        ["calibrate", "rim", drive, "--picture", image],
+        ["calibrate", "compass", drive, "--out", drive / "compass.csv"],
+        ["calibrate", "lines", drive, "--out", tmp_path / "map.npz", "--picture", image],
+        ["calibrate", "mount", drive, "--out", drive / "robot.toml"],
+        ["field", "from-recording", drive, "--out", drive / "odometry.csv"],
+        ["field", "from-svg", drawing, "--out", drawing],
+        ["mirror", "design", design, "--out", design],
+        ["locate", drive, "--points", image],
+        ["run", "--robot", robot, "--out", robot],
+    ]
+    before = {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()}
+    for command in refused:
+        result = run(*command)
+        assert result.returncode == 2, command
+        assert "is an input of" in result.stderr, (command, result.stderr)
+        assert "choose another name" in result.stderr
+    assert {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()} == before

@@ -5,7 +5,6 @@ use std::path::Path;
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use pipeline::log::ImageCompression;
-use pipeline::recording::INPUT_FILES;
 
 /// Invalid arguments.
 #[derive(Debug)]
@@ -58,53 +57,9 @@ pub(crate) fn ensure_distinct_outputs<'a>(
     Ok(())
 }
 
-/// Rejects outputs in a recording's folder that have the name of one of its inputs: they would replace what was measured.
-pub(crate) fn ensure_inputs_kept<'a>(
-    recording: &Path,
-    outputs: impl IntoIterator<Item = Option<&'a Path>>,
-) -> Result<()> {
-    let folder_of = |path: &Path| {
-        let folder = path.parent()?;
-        let is_here = folder.as_os_str().is_empty();
-        let folder = if is_here { Path::new(".") } else { folder };
-        folder.canonicalize().ok()
-    };
-    let recording = recording.canonicalize().ok();
-    for path in outputs.into_iter().flatten() {
-        let name = path.file_name().unwrap_or_default();
-        if recording.is_some()
-            && folder_of(path) == recording
-            && INPUT_FILES.iter().any(|input| name == *input)
-        {
-            let path = path.display();
-            let text = format!("{path} is an input of the recording: choose another name");
-            return Err(UsageError(text).into());
-        }
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn outputs_that_would_replace_inputs_are_rejected() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let (recording, other) = (folder.path().join("drive"), folder.path().join("other"));
-        for folder in [&recording, &other] {
-            std::fs::create_dir(folder).expect("created");
-        }
-        let check = |path: &Path| ensure_inputs_kept(&recording, [None, Some(path)]);
-        let around = other.join("../drive/frames.csv");
-        let message = check(&around).expect_err("an input").to_string();
-        assert!(
-            message.contains("frames.csv is an input of the recording"),
-            "{message}"
-        );
-        check(&recording.join("poses.csv")).expect("a result");
-        check(&other.join("frames.csv")).expect("elsewhere");
-    }
 
     #[test]
     fn non_positive_and_non_finite_durations_are_rejected() {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 
 use crate::commands::arguments::{self, UsageError};
+use crate::commands::inputs::Inputs;
 use crate::interrupt;
 use pipeline::PipelineConfig;
 use pipeline::result_files::CsvOutputs;
@@ -62,7 +63,14 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         args.save_map.as_deref(),
     ];
     arguments::ensure_distinct_outputs(output_files)?;
-    arguments::ensure_inputs_kept(&args.dir, output_files)?;
+    let inputs = Inputs::of([&*args.dir])
+        .with_file(args.map.as_deref(), "map")
+        .with_file(args.config.as_deref(), "");
+    inputs.ensure_kept([Some(&*out), args.points.as_deref(), args.seen.as_deref()])?;
+    // What was learned about a map may replace it.
+    inputs
+        .without("map")
+        .ensure_kept([args.save_map.as_deref()])?;
     let run = RecordingRun::open(&RecordingOptions {
         folder: args.dir.clone(),
         map: args.map.clone(),

@@ -7,6 +7,7 @@ use clap::{Subcommand, ValueEnum};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
+use super::inputs::Inputs;
 use crate::python;
 
 /// Design mirrors, evaluate them before they are cut, render their image, and export them for the workshop.
@@ -130,6 +131,7 @@ impl std::fmt::Display for ExportFormat {
 
 /// Runs a subcommand; `json` prints the result object instead of text.
 pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
+    ensure_inputs_kept(&args.command)?;
     python::start(args.python.as_deref())?;
     let outcome = Python::attach(|py| {
         call_python(py, &args.command, json)
@@ -138,6 +140,27 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     });
     python::finish();
     outcome
+}
+
+/// Rejects a file to write that is the design or the scene. Folders get names that no input has.
+fn ensure_inputs_kept(command: &MirrorCommand) -> Result<()> {
+    let (inputs, out) = match command {
+        MirrorCommand::Design { design, out } => (Inputs::of([Path::new(design)]), out),
+        MirrorCommand::Render {
+            design,
+            out,
+            field,
+            scenario,
+            ..
+        } => (
+            Inputs::of([Path::new(design)])
+                .with_file(field.as_deref(), "")
+                .with_file(scenario.as_deref(), ""),
+            out,
+        ),
+        MirrorCommand::Report { .. } | MirrorCommand::Export { .. } => return Ok(()),
+    };
+    inputs.ensure_kept([Some(&**out)])
 }
 
 fn call_python(py: Python<'_>, command: &MirrorCommand, json: bool) -> PyResult<String> {

@@ -8,6 +8,7 @@ pub(crate) mod doctor;
 pub(crate) mod field;
 #[cfg(feature = "python")]
 pub(crate) mod import;
+pub(crate) mod inputs;
 pub(crate) mod locate;
 #[cfg(feature = "python")]
 pub(crate) mod mirror;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
+use super::inputs::Inputs;
 use pipeline::log;
 
 /// Make a complete log, with index and summary, from a truncated or damaged one.
@@ -29,6 +30,7 @@ struct Outcome {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
+    Inputs::of([&*args.log]).ensure_kept([Some(&*args.out)])?;
     let recovered = log::recover(&args.log, &args.out)?;
     if recovered.messages == 0 {
         std::fs::remove_file(&args.out)

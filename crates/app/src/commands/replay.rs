@@ -13,6 +13,7 @@ use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Pipeline, PipelineConfig};
 
 use super::arguments::UsageError;
+use super::inputs::Inputs;
 use crate::ros2::bag::{self, BagSummary};
 
 /// Compute a log again: verify that the estimates are bit-identical, or export it as a recording folder.
@@ -182,7 +183,7 @@ fn export_bag(log: &Path, path: &Path, json: bool) -> Result<BagSummary> {
         ))
         .into());
     }
-    ensure_distinct_files(log, path)?;
+    Inputs::of([log]).ensure_kept([Some(path)])?;
     let written = bag::export(LogReader::open(log)?, path)?;
     if !json {
         let cut = if written.whole {
@@ -197,15 +198,6 @@ fn export_bag(log: &Path, path: &Path, json: bool) -> Result<BagSummary> {
         println!("{}{cut}: {}", counts.join(", "), path.display());
     }
     Ok(written)
-}
-
-/// Rejects the log itself as output.
-fn ensure_distinct_files(log: &Path, out: &Path) -> Result<()> {
-    let same = matches!((log.canonicalize(), out.canonicalize()), (Ok(log), Ok(out)) if log == out);
-    if same {
-        return Err(UsageError(format!("--export {}: this is the log", out.display())).into());
-    }
-    Ok(())
 }
 
 /// Runs a new pipeline, built from the log's own files, over the log. Returns warnings about its set-up, too.

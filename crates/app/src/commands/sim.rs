@@ -12,6 +12,7 @@ use sim::Simulator;
 use sim::scenario::Scenario;
 
 use crate::commands::arguments;
+use crate::commands::inputs::Inputs;
 use crate::commands::overrides;
 use crate::interrupt;
 #[cfg(feature = "view")]
@@ -90,6 +91,25 @@ pub(crate) struct Args {
     view: bool,
 }
 
+/// Rejects outputs that would replace the scenario or a file that it names.
+fn ensure_inputs_kept(args: &Args) -> Result<()> {
+    let folder = args.scenario.parent().unwrap_or(Path::new(""));
+    let changes = overrides::parse_overrides(&args.set)?;
+    let inputs = Inputs::of([&*args.scenario])
+        .with_file(args.config.as_deref(), "")
+        .with_file(args.faults.as_deref(), "")
+        .with_table(&changes, folder);
+    let devices = args.hardware.as_deref();
+    let [robot, hardware] = ["robot.toml", "hardware.toml"].map(|name| Some(devices?.join(name)));
+    inputs.ensure_kept([
+        args.record.as_deref(),
+        args.out.as_deref(),
+        args.truth.as_deref(),
+        robot.as_deref(),
+        hardware.as_deref(),
+    ])
+}
+
 /// Simulates the hardware; without --duration until a signal.
 fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
     let (mut scenario, robot) = Scenario::load(&args.scenario)?;
@@ -122,6 +142,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         args.out.as_deref(),
         args.truth.as_deref(),
     ])?;
+    ensure_inputs_kept(args)?;
     if let Some(folder) = &args.hardware {
         return run_hardware(args, folder, json);
     }

@@ -26,6 +26,7 @@ use anyhow::{Result, bail, ensure};
 use serde::Serialize;
 
 use crate::commands::arguments::{UsageError, ensure_distinct_outputs};
+use crate::commands::inputs::Inputs;
 #[cfg(feature = "view")]
 use crate::view::{self, AfterRun};
 use patrol::Patrol;
@@ -47,7 +48,21 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let Some(robot) = &args.robot else {
         return Err(UsageError("missing argument: --robot DIR".to_owned()).into());
     };
-    ensure_distinct_outputs([args.record.as_deref(), args.out.as_deref()])?;
+    let outputs = [
+        args.record.as_deref(),
+        args.out.as_deref(),
+        args.save_map.as_deref(),
+    ];
+    ensure_distinct_outputs(outputs)?;
+    let inputs = Inputs::of([&**robot])
+        .with_file(args.network.as_deref(), "")
+        .with_file(args.patrol.as_deref(), "")
+        .with_file(args.config.as_deref(), "");
+    inputs.ensure_kept([args.record.as_deref(), args.out.as_deref()])?;
+    // What was learned about a map may replace it.
+    inputs
+        .without("map")
+        .ensure_kept([args.save_map.as_deref()])?;
     let patrol = args.patrol.as_deref().map(Patrol::load).transpose()?;
     let robot = RobotFolder::load(robot)?;
     let stop = StopFlag::on_signals()?;

@@ -19,6 +19,7 @@ use self::against::{PairedFigure, compare_against};
 use self::baseline::{Baseline, FigureComparison};
 use self::measure::Figures;
 use crate::commands::arguments::UsageError;
+use crate::commands::inputs::Inputs;
 use crate::machine::machine;
 
 /// Measure every stage on this machine: times (medians, one core) and accuracies.
@@ -122,6 +123,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         return run_against(other, &args.only, json);
     }
     // A bad file must show before minutes of measuring.
+    Inputs::of(args.baseline.as_deref()).ensure_kept([args.save.as_deref()])?;
     let earlier = args.baseline.as_deref().map(Baseline::load).transpose()?;
     let mut figures = Figures::only(&args.only);
     for (names, bench) in BENCHES {

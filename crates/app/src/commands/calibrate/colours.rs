@@ -12,6 +12,8 @@ use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::image::{Image, rgb_to_yuv};
 use vision::{Vision, overlay};
 
+use crate::commands::inputs::Inputs;
+
 use super::images::{SkippedImage, load_drive_images};
 use pipeline::PipelineConfig;
 use pipeline::setup::Setup;
@@ -68,6 +70,11 @@ struct ClassShare {
 
 /// Runs the command.
 pub(super) fn run(args: &ColoursArgs, json: bool) -> Result<()> {
+    let inputs = Inputs::of(args.dir.as_deref()).with_file(args.labels.as_deref(), "labels");
+    inputs.ensure_kept([args.picture.as_deref()])?;
+    inputs
+        .without("colours")
+        .ensure_kept([Some(&*args.out), args.uv.as_deref()])?;
     let LearnedTables {
         yuv,
         uv,

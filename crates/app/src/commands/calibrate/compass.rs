@@ -9,6 +9,8 @@ use vision::output_file::write_file;
 
 use pipeline::csv_table::{CsvTable, CsvWriter, format_seconds};
 
+use crate::commands::inputs::Inputs;
+
 /// Compass calibration (hard and soft iron) from magnetometer readings of a full turn of the robot.
 ///
 /// The folder is a recording with magnetometer.csv (stamp_s,x,y: magnetic field in the robot frame, any unit). Disturbed
@@ -44,6 +46,11 @@ struct Outcome {
 }
 
 pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
+    let inputs = Inputs::of([&*args.dir]).without("compass");
+    // compass.csv holds headings of an earlier calibration, which new ones replace.
+    let headings = args.headings.as_deref();
+    let headings = headings.filter(|path| !path.ends_with("compass.csv"));
+    inputs.ensure_kept([Some(&*args.out), headings])?;
     let path = args.dir.join("magnetometer.csv");
     let mut stamps = Vec::new();
     let mut readings = Vec::new();

@@ -13,6 +13,7 @@ use pipeline::setup::Setup;
 use pipeline::{Cycle, PipelineConfig};
 
 use crate::commands::arguments::UsageError;
+use crate::commands::inputs::Inputs;
 use crate::commands::locate::EXTERNAL_POINT_STD;
 use crate::interrupt;
 
@@ -46,9 +47,18 @@ const START_ERROR: f32 = 0.1;
 /// Parameters that the points must determine: the pose.
 const DETERMINED_MIN: f32 = 2.5;
 
+impl DriveArgs {
+    /// Reads the drive. `part`: what the calibration is called in robot.toml; an earlier one may be replaced, no other input.
+    pub(super) fn load(&self, part: &str) -> Result<Drive> {
+        let inputs = Inputs::of([&*self.drive]).without(part);
+        inputs.ensure_kept([Some(&*self.out)])?;
+        Drive::load(&self.drive)
+    }
+}
+
 impl Drive {
     /// Reads a drive and the poses of its images.
-    pub(super) fn load(path: &Path) -> Result<Self> {
+    fn load(path: &Path) -> Result<Self> {
         interrupt::install_handler()?;
         let drive = if path.is_dir() {
             load_recording(path)?

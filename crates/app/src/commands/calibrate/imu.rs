@@ -8,7 +8,7 @@ use localize::sensors::imu_calibration::{ImuFit, fit_imu};
 use serde::Serialize;
 use vision::output_file::write_file;
 
-use super::drive::{Drive, DriveArgs};
+use super::drive::DriveArgs;
 
 /// Mounting and constant errors of the inertial unit, from rest and a drive.
 ///
@@ -39,7 +39,7 @@ struct Outcome {
 /// Runs the command.
 pub(super) fn run(args: &ImuArgs, json: bool) -> Result<()> {
     let DriveArgs { drive: path, out } = &args.drive;
-    let drive = Drive::load(path)?;
+    let drive = args.drive.load("imu")?;
     let odometry: Vec<_> = match drive.robot.odometry {
         Some(wheels) => drive
             .odometry

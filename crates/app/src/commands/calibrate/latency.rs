@@ -37,7 +37,7 @@ const NEGATIVE_MAX: f32 = 0.005;
 /// Runs the command.
 pub(super) fn run(args: &LatencyArgs, json: bool) -> Result<()> {
     let DriveArgs { drive: path, out } = &args.drive;
-    let drive = Drive::load(path)?;
+    let drive = args.drive.load("timing")?;
     let (fit, by) = fit(&drive).with_context(|| path.display().to_string())?;
     let latency = fit.latency;
     ensure!(

@@ -11,6 +11,7 @@ use vision::calibrate::{
 
 use super::images::load_drive_images;
 use super::map::{FoundCamera, Outcome, ensure_map_can_be_saved, outcome, save};
+use crate::commands::inputs::Inputs;
 use pipeline::PipelineConfig;
 use pipeline::paths;
 use pipeline::setup::Setup;
@@ -43,7 +44,8 @@ pub(crate) struct LinesArgs {
 const PROGRESS_STEPS: f32 = 100.0;
 
 pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
-    ensure_map_can_be_saved(&args.out, args.picture.as_deref())?;
+    let inputs = Inputs::of([&*args.dir]).with_file(args.map.as_deref(), "");
+    ensure_map_can_be_saved(&inputs, &args.out, args.picture.as_deref())?;
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
     let section = robot

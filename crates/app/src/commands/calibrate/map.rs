@@ -13,6 +13,7 @@ use vision::output_file::ensure_can_create;
 use vision::{GroundMap, Mount, Profile, overlay};
 
 use crate::commands::arguments;
+use crate::commands::inputs::Inputs;
 use crate::pictures::text;
 
 use super::images::{SkippedImage, load_strip_images};
@@ -97,7 +98,11 @@ fn camera_of(robot: &RobotConfig, robot_file: &Path) -> Result<CameraConfig> {
 }
 
 pub(crate) fn calibrate_map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
-    ensure_map_can_be_saved(&args.out, args.picture.as_deref())?;
+    ensure_map_can_be_saved(
+        &Inputs::of([&*args.dir]),
+        &args.out,
+        args.picture.as_deref(),
+    )?;
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
     let camera = camera_of(&robot, &robot_file)?;
@@ -164,7 +169,15 @@ pub(super) fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
 }
 
 /// An error before the work if its result could not be written.
-pub(super) fn ensure_map_can_be_saved(out: &Path, picture: Option<&Path>) -> Result<()> {
+///
+/// `inputs`: the robot's map among them may be replaced.
+pub(super) fn ensure_map_can_be_saved(
+    inputs: &Inputs,
+    out: &Path,
+    picture: Option<&Path>,
+) -> Result<()> {
+    inputs.ensure_kept([picture])?;
+    inputs.without("map").ensure_kept([Some(out)])?;
     arguments::ensure_distinct_outputs([Some(out), picture])?;
     ensure_can_create(out).with_context(|| out.display().to_string())?;
     if let Some(picture) = picture {

@@ -9,6 +9,8 @@ use vision::calibrate::mask::save_mask;
 use vision::calibrate::{calibrate_mask, find_rim};
 use vision::image::Image;
 
+use crate::commands::inputs::Inputs;
+
 use super::images::load_drive_images;
 
 /// Mask of the robot's own body from a few images of the robot turning in place.
@@ -41,6 +43,9 @@ struct Outcome {
 
 /// Runs the command.
 pub(super) fn run(args: &MaskArgs, json: bool) -> Result<()> {
+    let inputs = Inputs::of([&*args.dir]);
+    inputs.ensure_kept([args.picture.as_deref()])?;
+    inputs.without("mask").ensure_kept([Some(&*args.out)])?;
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
     let section = robot

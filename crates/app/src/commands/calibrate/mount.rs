@@ -10,6 +10,7 @@ use pipeline::setup_check::{MapMount, find_map_mount};
 use serde::Serialize;
 
 use super::map::ensure_map_can_be_saved;
+use crate::commands::inputs::Inputs;
 use crate::commands::locate::EXTERNAL_POINT_STD;
 
 /// Forward, left and origin of a ground map, from a drive with wheels.
@@ -51,7 +52,8 @@ const GUESSED_ORIGIN_STD: f32 = 0.04;
 
 /// Runs the command.
 pub(super) fn run(args: &MountArgs, json: bool) -> Result<()> {
-    ensure_map_can_be_saved(&args.out, None)?;
+    let inputs = Inputs::of([&*args.drive]).with_file(args.map.as_deref(), "");
+    ensure_map_can_be_saved(&inputs, &args.out, None)?;
     let place = || args.drive.display().to_string();
     let setup = Setup::load(&args.drive.join("robot.toml"), args.map.as_deref())?;
     let (_, map) = setup

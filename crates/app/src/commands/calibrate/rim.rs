@@ -9,6 +9,8 @@ use vision::calibrate::find_rim;
 use vision::image::Image;
 use vision::overlay;
 
+use crate::commands::inputs::Inputs;
+
 use super::images::load_drive_images;
 
 /// Centre and radius of the mirror's rim, for [camera] of robot.toml.
@@ -45,6 +47,11 @@ struct Outcome {
 
 /// Runs the command.
 pub(super) fn run(args: &RimArgs, json: bool) -> Result<()> {
+    let inputs = Inputs::of(args.inputs.iter().map(PathBuf::as_path));
+    inputs.ensure_kept([args.picture.as_deref()])?;
+    inputs
+        .without("camera")
+        .ensure_kept([args.out.as_deref()])?;
     let mut images: Vec<Image> = Vec::new();
     for input in &args.inputs {
         if input.is_dir() {

@@ -8,6 +8,7 @@ use vision::calibrate::{SizeCalibration, calibrate_sizes};
 use vision::image::Image;
 use vision::overlay::{self, Rgb};
 
+use crate::commands::inputs::Inputs;
 use crate::pictures::text::{LETTER_HEIGHT_PX, draw_text};
 
 use super::images::{SkippedImage, load_drive_images, print_left_out};
@@ -52,6 +53,9 @@ struct Outcome {
 
 /// Runs the command.
 pub(super) fn run(args: &SizesArgs, json: bool) -> Result<()> {
+    Inputs::of([&*args.dir])
+        .with_file(args.map.as_deref(), "")
+        .ensure_kept([Some(&*args.out), args.picture.as_deref()])?;
     let robot_file = args.dir.join("robot.toml");
     let setup = Setup::load(&robot_file, args.map.as_deref())?;
     let (camera, map) = setup

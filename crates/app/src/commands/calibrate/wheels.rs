@@ -9,7 +9,7 @@ use localize::sensors::wheel_geometry::{WheelGeometry, wheel_geometry};
 use serde::Serialize;
 use vision::output_file::write_file;
 
-use super::drive::{Drive, DriveArgs};
+use super::drive::DriveArgs;
 
 /// Correction of the wheels' motion from a drive with vision: scales and couplings, and the radii that explain them.
 ///
@@ -40,7 +40,7 @@ struct Outcome {
 /// Runs the command.
 pub(super) fn run(args: &WheelsArgs, json: bool) -> Result<()> {
     let DriveArgs { drive: path, out } = &args.drive;
-    let drive = Drive::load(path)?;
+    let drive = args.drive.load("odometry")?;
     let fit =
         fit_drive(&drive.odometry, &drive.poses).with_context(|| path.display().to_string())?;
     let base = drive.robot.base.as_ref();

@@ -14,6 +14,7 @@ use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 use super::field_file::{self, MappingFigures, Outcome};
 use crate::commands::arguments::UsageError;
+use crate::commands::inputs::Inputs;
 use crate::commands::locate::EXTERNAL_POINT_STD;
 use crate::interrupt;
 
@@ -57,6 +58,7 @@ const EXPLAINED_MIN: f32 = 0.6;
 
 /// Runs the command.
 pub(super) fn run(args: &Args, json: bool) -> Result<()> {
+    Inputs::of([&*args.drive]).ensure_kept([Some(&*args.out)])?;
     interrupt::install_handler()?;
     let (images, line_width) = if args.drive.is_dir() {
         load_recording(&args.drive)?

@@ -11,6 +11,7 @@ use super::svg_document::{Tag, tags};
 use super::svg_path::{Scanner, Stroke, strokes};
 use super::svg_transform::Similarity;
 use crate::commands::arguments::UsageError;
+use crate::commands::inputs::Inputs;
 
 /// Convert a drawing of the markings (SVG) to a field file: line, polyline, polygon, rect, circle, and path.
 ///
@@ -52,6 +53,7 @@ pub(super) fn run(args: &Args, json: bool) -> Result<()> {
     {
         return Err(UsageError("--scale must be a positive number of metres".to_owned()).into());
     }
+    Inputs::of([&*args.svg]).ensure_kept([Some(&*args.out)])?;
     let text = input_file::read_text(&args.svg)
         .with_context(|| format!("cannot read {}", args.svg.display()))?;
     let drawing =
