@@ -668,3 +668,24 @@ def test_simulated_game_has_no_warning() -> None:
     scenario = ROOT / "config/scenarios/tracks_18x12.toml"
     result, _ = run("sim", scenario, "--duration", "6")
     assert result["warnings"] == []
+
+
+def test_turned_compass_on_a_symmetric_field_has_two_edits_half_a_turn_apart(tmp_path: Path) -> None:
+    for name, error in (("quarter", 90.0), ("sixth", 60.0)):
+        folder = tmp_path / name
+        shutil.copytree(RIGHT, folder)
+        header, *rows = (folder / "compass.csv").read_text().splitlines()
+        turned = []
+        for row in rows:
+            stamp, heading = row.split(",")
+            turned.append(f"{stamp},{float(heading) + math.radians(error)}")
+        (folder / "compass.csv").write_text("\n".join([header, *turned]) + "\n")
+        found, _ = run("doctor", "--recording", folder)
+        edits = [one for one in found["suggestions"] if "compass.csv: turn" in one["change"]]
+        angles = sorted(int(re.search(r"by (\d+) degrees", one["change"])[1]) for one in edits)  # type: ignore[index]
+        assert len(angles) == 2 and angles[1] - angles[0] == 180, found["suggestions"]
+        assert all(one["half_unknown"] for one in edits)
+        assert min(abs((angle + error + 180.0) % 360.0 - 180.0) for angle in angles) <= 15.0, angles
+        assert not any("degrees to radians" in one["change"] for one in found["suggestions"])
+        warning = next(text for text in found["warnings"] if "compass" in text)
+        assert all(f"by {angle} degrees" in warning for angle in angles) and "on which half" in warning

@@ -9,6 +9,7 @@ use localize::setup_check::{Comparison, Explanation, FieldTables, compare, expla
 use rayon::prelude::*;
 
 use super::change::Change;
+use super::compass_turn;
 use super::effort::Effort;
 use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
@@ -193,11 +194,13 @@ impl Trial<'_> {
         let mut changes = Vec::new();
         if full || !sensors_fine {
             changes.extend(mounts());
-            changes.extend((1..4).map(Change::CompassQuarterTurns));
-            changes.extend((0..4).map(Change::CompassMirrored));
+            changes.extend(compass_turn::quarter_turns());
         }
         if full || !sensors_fine || self.turns_are_fast() {
-            changes.extend([Change::CompassInDegrees, Change::OdometryRotationInDegrees]);
+            changes.push(Change::OdometryRotationInDegrees);
+            if compass_turn::can_be_degrees(self.measured) {
+                changes.push(Change::CompassInDegrees);
+            }
         }
         let wheels = now.wheels_agree().unwrap_or(1.0);
         if wheels < SCALES_TRIED_BELOW {
@@ -245,6 +248,7 @@ impl Trial<'_> {
                 }
                 comparison.is_better() || (is_turn && comparison.gain > 0.0) || improvement.by_steps
             })
+            .map(|improvement| self.refine_compass_turn(variant, now, improvement))
             .collect();
         // Line points hardly tell: the wheels have decided.
         let is_centre = |found: &Improvement| matches!(found.change, Change::Centre(_));

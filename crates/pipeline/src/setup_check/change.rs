@@ -1,6 +1,5 @@
 //! Which edit makes which variant? One change of a set-up with its text.
 
-use std::f32::consts::FRAC_PI_2;
 use std::path::PathBuf;
 
 use localize::field::FieldConfig;
@@ -41,10 +40,10 @@ pub(super) enum Change {
         /// Left and right exchanged.
         mirrored: bool,
     },
-    /// The compass turned by quarters.
-    CompassQuarterTurns(u8),
-    /// The compass counts clockwise, and is then turned by quarters.
-    CompassMirrored(u8),
+    /// The compass turned by an angle, degrees.
+    CompassTurn(u16),
+    /// The compass counts clockwise, and is then turned by an angle, degrees.
+    CompassMirrored(u16),
     /// The camera turned by an angle, radians.
     CameraTurn(f32),
     /// The wheels' path in another unit.
@@ -82,6 +81,17 @@ impl Change {
         wrong.abs().max() > LEARNED_CORRECTION_MAX
     }
 
+    /// The same change of a compass by half a turn more. On a field that looks alike from both halves it explains as much.
+    pub(super) fn half_turn_twin(&self) -> Option<Change> {
+        match self {
+            Change::CompassTurn(degrees) => Some(Change::CompassTurn((degrees + 180) % 360)),
+            Change::CompassMirrored(degrees) => {
+                Some(Change::CompassMirrored((degrees + 180) % 360))
+            }
+            _ => None,
+        }
+    }
+
     /// The variant after this change.
     pub(super) fn apply(&self, variant: &SetupVariant) -> SetupVariant {
         let mut changed = variant.clone();
@@ -99,12 +109,12 @@ impl Change {
                 changed.quarter_turns = (variant.quarter_turns + own) % 4;
                 changed.mirrored ^= mirrored;
             }
-            Change::CompassQuarterTurns(quarters) => {
-                changed.compass_turn += f32::from(*quarters) * FRAC_PI_2;
+            Change::CompassTurn(degrees) => {
+                changed.compass_turn += f32::from(*degrees).to_radians();
             }
-            Change::CompassMirrored(quarters) => {
+            Change::CompassMirrored(degrees) => {
                 changed.compass_sign = -changed.compass_sign;
-                changed.compass_turn = f32::from(*quarters) * FRAC_PI_2 - changed.compass_turn;
+                changed.compass_turn = f32::from(*degrees).to_radians() - changed.compass_turn;
             }
             Change::CameraTurn(angle) => {
                 changed.camera_turn += if variant.mirrored { -angle } else { *angle };
@@ -139,8 +149,7 @@ impl Change {
                 format!("field.toml: {}", edits.collect::<Vec<_>>().join(", "))
             }
             Change::Mount { quarters, mirrored } => mount_text(setup, after, *quarters, *mirrored),
-            Change::CompassQuarterTurns(quarters) => {
-                let degrees = 90 * u16::from(*quarters);
+            Change::CompassTurn(degrees) => {
                 format!(
                     "compass.csv: turn heading_rad by {degrees} degrees (the compass is mounted so)"
                 )
@@ -149,8 +158,7 @@ impl Change {
                 "compass.csv: change the sign of heading_rad (it counts counter-clockwise)"
                     .to_owned()
             }
-            Change::CompassMirrored(quarters) => {
-                let degrees = 90 * u16::from(*quarters);
+            Change::CompassMirrored(degrees) => {
                 format!(
                     "compass.csv: change the sign of heading_rad (it counts counter-clockwise), then turn it by {degrees} degrees"
                 )
@@ -222,9 +230,9 @@ impl Change {
     /// Share that is explained of what this change affects; `explanation`: by the set-up with it.
     pub(super) fn explained(&self, explanation: &Explanation) -> f32 {
         let share = match self {
-            Change::CompassQuarterTurns(_)
-            | Change::CompassMirrored(_)
-            | Change::CompassInDegrees => explanation.compass_agrees(),
+            Change::CompassTurn(_) | Change::CompassMirrored(_) | Change::CompassInDegrees => {
+                explanation.compass_agrees()
+            }
             Change::OdometryScale(_)
             | Change::OdometryAxes { .. }
             | Change::WheelMatrix(_)
@@ -252,7 +260,7 @@ impl Change {
             }
             Change::Mount { mirrored: true, .. } => "left and right of the image are exchanged",
             Change::Mount { .. } => "the camera's forward direction is wrong",
-            Change::CompassQuarterTurns(_) => "the compass is turned",
+            Change::CompassTurn(_) => "the compass is turned",
             Change::CompassMirrored(_) => "the compass counts clockwise",
             Change::CameraTurn(_) => "the camera's forward direction is wrong",
             Change::OdometryScale(_) => "the odometry's path is in another unit",

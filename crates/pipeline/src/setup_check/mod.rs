@@ -11,6 +11,7 @@ mod change;
 mod collector;
 mod compass_faults;
 mod compass_noise;
+mod compass_turn;
 mod dead_sensors;
 mod doubts;
 mod effort;
@@ -44,7 +45,7 @@ pub use inertial_motion::InertialMotion;
 pub use map_mount::{MapMount, find_map_mount};
 pub use measurements::MeasuredKeyframe;
 pub use ranges::RangeFinding;
-pub use report::{FitFigures, SetupReport, Suggestion};
+pub use report::{FitFigures, HALF_HINT, SetupReport, Suggestion};
 
 use crate::config::PipelineConfig;
 use crate::image_faults::ImageFaults;
@@ -307,7 +308,7 @@ fn find_compass_fault(
     let is_known = |change: &Change| {
         matches!(
             change,
-            Change::CompassInDegrees | Change::CompassMirrored(_) | Change::CompassQuarterTurns(_)
+            Change::CompassInDegrees | Change::CompassMirrored(_) | Change::CompassTurn(_)
         )
     };
     let mut changes = assessment.improvements.iter().flatten();
@@ -359,7 +360,7 @@ fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matri
     if doubtful.iter().any(|found| {
         matches!(
             found.change,
-            Change::Mount { .. } | Change::CompassQuarterTurns(_) | Change::CompassMirrored(_)
+            Change::Mount { .. } | Change::CompassTurn(_) | Change::CompassMirrored(_)
         )
     }) {
         return Some(unknown);

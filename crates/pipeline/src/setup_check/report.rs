@@ -5,7 +5,7 @@ use localize::setup_check::Explanation;
 use nalgebra::Matrix3;
 use serde::Serialize;
 
-use super::assess::Assessment;
+use super::assess::{Assessment, Improvement};
 use super::ranges::RangeFinding;
 use crate::image_faults::ImageFaults;
 use crate::recording::Table;
@@ -80,9 +80,16 @@ pub struct Suggestion {
     pub fit_after: f32,
     /// Logarithm of the likelihood ratio. None where a table's range betrays the mistake.
     pub gain: Option<f32>,
+    /// Both halves of the field look alike, so that this edit and the same one by half a turn more explain as much: only one of them
+    /// puts the robot into its own half, and no measurement tells which.
+    pub half_unknown: bool,
     /// Number of the change: those of one number are alternatives, higher numbers come on top.
     pub step: usize,
 }
+
+/// What to do about two edits of which only one puts the robot into its own half.
+pub const HALF_HINT: &str = "Both halves of this field look alike, so that no measurement tells the two apart: look on which half \
+                             the robot stands, and keep the edit with which its poses lie there";
 
 impl Suggestion {
     /// What the edit explains, in words.
@@ -130,6 +137,10 @@ impl SetupReport {
     pub(super) fn add_improvements(&mut self, setup: &Setup, assessment: &Assessment) {
         let mut before = &assessment.configured;
         for (step, alternatives) in assessment.improvements.iter().enumerate() {
+            let has_twin = |improvement: &Improvement| {
+                let twin = improvement.change.half_turn_twin();
+                twin.is_some_and(|twin| alternatives.iter().any(|other| other.change == twin))
+            };
             self.suggestions
                 .extend(alternatives.iter().map(|improvement| Suggestion {
                     change: improvement.change.text(setup, &improvement.after),
@@ -138,6 +149,7 @@ impl SetupReport {
                     fit_before: before.fit(),
                     fit_after: improvement.explanation.fit(),
                     gain: Some(improvement.comparison.gain),
+                    half_unknown: has_twin(improvement),
                     step: step + 1,
                 }));
             let Some(best) = alternatives.first() else {
@@ -153,8 +165,16 @@ impl SetupReport {
                         (other.change.cause(), other.change.text(setup, &other.after));
                     format!(", or else {cause}: as well with `{text}`")
                 });
+            let twin = best.change.half_turn_twin();
+            let twin = alternatives
+                .iter()
+                .find(|other| Some(&other.change) == twin.as_ref());
+            let [twin, hint] = twin.map_or_else(Default::default, |twin| {
+                let text = twin.change.text(setup, &twin.after);
+                [format!(" or `{text}`"), format!(". {HALF_HINT}")]
+            });
             self.warnings.push(format!(
-                "{perhaps}{cause}: the measurements fit better with `{}` ({}){other}",
+                "{perhaps}{cause}: the measurements fit better with `{}`{twin} ({}){other}{hint}",
                 best.change.text(setup, &best.after),
                 explained_text(before.fit(), best.explanation.fit()),
             ));
@@ -182,6 +202,7 @@ impl SetupReport {
                 fit_before: finding.fit[0],
                 fit_after: finding.fit[1],
                 gain: None,
+                half_unknown: false,
                 step: self.suggestions.last().map_or(0, |last| last.step) + 1,
             });
             if finding.table != Table::Images {

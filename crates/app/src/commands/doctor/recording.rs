@@ -9,7 +9,7 @@ use crate::commands::locate::EXTERNAL_POINT_STD;
 use pipeline::PipelineConfig;
 use pipeline::recording::Recording;
 use pipeline::setup::Setup;
-use pipeline::setup_check::{self, Effort, SetupReport, Suggestion};
+use pipeline::setup_check::{self, Effort, HALF_HINT, SetupReport, Suggestion};
 
 /// Tries other set-ups on the recording folder or log.
 pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
@@ -65,8 +65,10 @@ fn print(report: &SetupReport) {
             cause,
             firm,
             step,
+            half_unknown,
             ..
         } = suggestion;
+        let is_twin = *half_unknown && *step == last_step;
         let joint = match (*step == last_step, firm) {
             (true, _) => "or  ",
             (false, true) => "BAD ",
@@ -75,6 +77,9 @@ fn print(report: &SetupReport) {
         last_step = *step;
         println!("{joint}{cause}");
         println!("       -> {change}: {}", suggestion.explained_text());
+        if is_twin {
+            println!("       {HALF_HINT}");
+        }
     }
     for doubt in &report.doubts {
         println!("BAD {doubt}");

@@ -1,0 +1,69 @@
+//! By which angle is a compass turned, or does it count in degrees? And which other angle would fit as well?
+
+use std::f32::consts::TAU;
+
+use localize::math;
+use localize::setup_check::Explanation;
+
+use super::assess::{Improvement, Trial};
+use super::change::Change;
+use super::measurements::MeasuredKeyframe;
+use super::variant::SetupVariant;
+use crate::setup::Setup;
+
+/// A compass that is turned by a multiple of 90 degrees is mounted so. Its iron turns it further by up to this, degrees.
+const IRON_MAX_DEG: f32 = 15.0;
+/// Steps of another angle, degrees: the bias of a compass is of this size.
+const STEP_DEG: f32 = 5.0;
+
+/// Turns, and turns of a compass that counts clockwise.
+pub(super) fn quarter_turns() -> impl Iterator<Item = Change> {
+    let turned = [90, 180, 270].map(Change::CompassTurn);
+    turned
+        .into_iter()
+        .chain([0, 90, 180, 270].map(Change::CompassMirrored))
+}
+
+/// Could the headings be in degrees? Such ones all within a turn of radians say that the robot stood within six degrees of zero: any
+/// of its poses would agree with them.
+pub(super) fn can_be_degrees(measured: &[MeasuredKeyframe]) -> bool {
+    let mut headings = measured.iter().filter_map(|keyframe| keyframe.compass);
+    headings.any(|heading| heading.abs() > TAU)
+}
+
+impl Trial<'_> {
+    /// The same change by the angle that the poses tell, if it is clearly no quarter turn.
+    pub(super) fn refine_compass_turn(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+        found: Improvement,
+    ) -> Improvement {
+        let Change::CompassTurn(degrees) = found.change else {
+            return found;
+        };
+        let residual = residual_deg(self.setup, &found, self.measured);
+        if residual.abs() <= IRON_MAX_DEG {
+            return found;
+        }
+        let turn = f32::from(degrees) + (residual / STEP_DEG).round() * STEP_DEG;
+        let change = Change::CompassTurn(turn.rem_euclid(360.0) as u16);
+        let refined = self.evaluate(variant, now, vec![change]);
+        refined
+            .into_iter()
+            .next()
+            .map_or(found, |(_, refined)| refined)
+    }
+}
+
+/// Mean angle from the readings, as changed, to the headings of the poses, degrees.
+fn residual_deg(setup: &Setup, found: &Improvement, measured: &[MeasuredKeyframe]) -> f32 {
+    let keyframes = found.after.apply(setup, measured);
+    let pairs = keyframes.iter().zip(&found.explanation.keyframes);
+    let agreeing = pairs.filter(|(_, fit)| fit.compass_agrees == Some(true));
+    let angles = agreeing.filter_map(|(keyframe, fit)| Some(fit.pose?.theta - keyframe.compass?));
+    let (sin, cos) = angles.fold((0.0, 0.0), |(sin, cos), angle| {
+        (sin + math::sin(angle), cos + math::cos(angle))
+    });
+    math::atan2(sin, cos).to_degrees()
+}
