@@ -300,7 +300,7 @@ pub struct AutoExposureConfig {
     /// Images between checks of the centre's brightness. The light is assumed constant for a tenth of a second.
     pub check_every: u64,
     /// Largest distance of carpet in the measured centre, metres. Near carpet is visible at every position of the
-    /// robot.
+    /// robot. Of a mirror that shows no carpet so near, the nearest half metre is measured.
     pub centre_range_max: f32,
     /// Relative change of the centre's brightness that starts a search. A nearby line or ball changes it less.
     pub brightness_change_min: f32,

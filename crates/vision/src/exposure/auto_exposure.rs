@@ -61,6 +61,8 @@ const CHECKED_CHANGE_MIN: f32 = 0.2;
 const EFFECT_MIN: f32 = 0.17;
 /// Smallest change of the logarithm of the light that is taken as a new setting, not as rounding by the camera.
 const REPORTED_CHANGE_MIN: f32 = 0.02;
+/// Depth of the carpet in the centre of a mirror that shows none within `centre_range_max`, metres.
+const CENTRE_DEPTH: f32 = 0.5;
 /// Initial `response`, between a linear camera and the usual gamma, so that the first step overshoots with neither.
 const INITIAL_RESPONSE: f32 = 0.65;
 /// Pixels read of the centre and of the scene: enough for statistics, read in 20 µs.
@@ -82,6 +84,13 @@ impl AutoExposure {
         let own =
             |column: usize, row: usize| mask.is_some_and(|mask| !mask[row * map.width_px + column]);
         let radius = |column: usize, row: usize| math::hypot(column as f32 - cu, row as f32 - cv);
+        let nearest = map.nearest_ground();
+        // A mirror that shows no carpet so near has its nearest one in the centre.
+        let range_max = if nearest > config.centre_range_max {
+            nearest + CENTRE_DEPTH
+        } else {
+            config.centre_range_max
+        };
         let mut rim = 0.0f32;
         let (mut near, mut scene) = (Vec::new(), Vec::new());
         for row in 0..map.height_px {
@@ -91,7 +100,7 @@ impl AutoExposure {
                 }
                 scene.push([column as u16, row as u16]);
                 let range = map.at(column, row).map(|ground| ground.distance());
-                let carpet = range.is_some_and(|range| range <= config.centre_range_max);
+                let carpet = range.is_some_and(|range| range <= range_max);
                 if carpet {
                     rim = rim.max(radius(column, row));
                 }
@@ -109,9 +118,9 @@ impl AutoExposure {
             return Err(SettingError {
                 key: "vision.exposure.centre_range_max".to_owned(),
                 value: f64::from(config.centre_range_max),
-                min: f64::from(map.nearest_ground()),
+                min: f64::from(nearest),
                 max: f64::INFINITY,
-                why: "no pixel shows the robot's body or carpet within this range",
+                why: "no pixel of the mirror shows the robot's body or carpet within this range",
             }
             .into());
         }

@@ -299,6 +299,25 @@ fn settings_stay_on_the_path_within_camera_limits() {
 }
 
 #[test]
+fn mirror_that_shows_no_near_carpet_measures_its_nearest_one() {
+    let mut map = map();
+    for index in 0..map.x.len() {
+        if map.x[index].hypot(map.y[index]) < 1.5 {
+            (map.x[index], map.y[index]) = (f32::NAN, f32::NAN);
+        }
+    }
+    let config = AutoExposureConfig::default();
+    assert!(map.nearest_ground() > config.centre_range_max);
+    let measured = |map: &GroundMap| {
+        let mut control =
+            AutoExposure::new(map, &camera(), None, None, &config).expect("a control");
+        let status = control.process(&synthetic_image(1.0, 0.45, 0).view(), None);
+        status.expect("measured").centre_brightness
+    };
+    assert!(measured(&map) > 0.0);
+}
+
+#[test]
 fn light_change_without_control_warns_once() {
     let config = AutoExposureConfig::default();
     let mut auto_exposure =
