@@ -689,3 +689,13 @@ def test_turned_compass_on_a_symmetric_field_has_two_edits_half_a_turn_apart(tmp
         assert not any("degrees to radians" in one["change"] for one in found["suggestions"])
         warning = next(text for text in found["warnings"] if "compass" in text)
         assert all(f"by {angle} degrees" in warning for angle in angles) and "on which half" in warning
+
+
+def test_odometry_that_ends_early_is_named_by_locate(tmp_path: Path) -> None:
+    folder = tmp_path / "cut"
+    shutil.copytree(RIGHT, folder)
+    lines = (folder / "odometry.csv").read_text().splitlines()
+    (folder / "odometry.csv").write_text("\n".join(lines[:7]) + "\n")
+    result, errors = run("locate", folder, "--out", tmp_path / "poses.csv")
+    assert any("odometry.csv ends at" in warning for warning in result["warnings"]), result["warnings"]
+    assert "odometry.csv ends at" in errors

@@ -25,6 +25,7 @@ mod latency;
 mod map_mount;
 mod measurements;
 mod motion_search;
+mod odometry_coverage;
 mod origin_offset;
 mod ranges;
 mod report;
@@ -77,8 +78,21 @@ pub fn check_recording(
     let measured = measurements::measure(recording, setup, config, effort)?;
     let noise = compass_noise::recording_noise(recording);
     let tables = TableFindings { ranges, noise };
-    let report = check_tables(setup, config, &measured.keyframes, &tables, effort);
-    Ok(report.with_image_faults(measured.image_faults))
+    // Stamps of another unit or clock have no gaps of their own.
+    let is_other_clock = tables
+        .ranges
+        .iter()
+        .any(|found| found.table == Table::Images);
+    let mut report = check_tables(setup, config, &measured.keyframes, &tables, effort)
+        .with_image_faults(measured.image_faults);
+    if !is_other_clock {
+        let gaps = odometry_coverage::find_gaps(recording);
+        gaps.found.into_iter().for_each(|gap| report.doubt(gap));
+        if gaps.clock_jumps {
+            report.unusable.push(Table::Odometry);
+        }
+    }
+    Ok(report)
 }
 
 /// Checks the set-up that a log holds by the line points, wheels and compass that it recorded.
