@@ -24,6 +24,12 @@ const TURN_TOLERANCE: (f32, f32, f32) = (0.08, 0.05, 0.03);
 /// Fewest pairs, and the share of them that agrees at least. Wrong poses spoil a few.
 const PAIRS_MIN: usize = 6;
 const AGREEMENT_MIN: f32 = 0.5;
+/// Largest bias that is sought, and the steps, radians per second.
+const BIAS_MAX: f32 = 1.6;
+const BIAS_STEP: f32 = 0.01;
+/// Share of the turns that a bias explains at least, and how far their rates are apart at least, radians per second.
+const BIAS_AGREEMENT_MIN: f32 = 0.85;
+const BIAS_RATES_APART_MIN: f32 = 0.3;
 /// Largest angle between the changes of velocity of unit and wheels, degrees.
 const YAW_MAX_DEG: f32 = 30.0;
 
@@ -65,11 +71,18 @@ pub(super) fn find_fault(
              (`mirrorball calibrate imu` measures it)"
         ));
     }
-    if let Some(share) = agreement_of_turns(measured, explanation)
+    let turns = turns_between_keyframes(measured, explanation);
+    if let Some(share) = agreement_of_turns(&turns, 0.0)
         && share < AGREEMENT_MIN
     {
+        if let Some(bias) = constant_bias(&turns) {
+            return Some(format!(
+                "its rate about the vertical has a constant bias of about {:.0} degrees per second (`mirrorball calibrate imu` measures it)",
+                bias.to_degrees()
+            ));
+        }
         return Some(format!(
-            "it agrees with {:.0} % of the turns that the images show: a wrong sign, axis or unit of its rates, or a wrong `flipped` of the camera",
+            "it agrees with {:.0} % of the turns that the images show: a wrong sign, axis, unit or bias of its rates, or a wrong `flipped` of the camera",
             100.0 * share
         ));
     }
@@ -82,23 +95,71 @@ pub(super) fn find_fault(
     })
 }
 
-/// Share of the turns between keyframes by which the unit agrees with the poses, half turns aside. None for too few.
-fn agreement_of_turns(measured: &[MeasuredKeyframe], explanation: &Explanation) -> Option<f32> {
+/// A turn from one keyframe to the next, radians: by the unit, and by the poses, of which half turns are unknown.
+struct Turn {
+    seconds: f32,
+    measured: f32,
+    shown: f32,
+}
+
+fn turns_between_keyframes(measured: &[MeasuredKeyframe], explanation: &Explanation) -> Vec<Turn> {
     let poses: Vec<_> = explanation.keyframes.iter().map(|fit| fit.pose).collect();
     let pairs = measured.iter().skip(1).zip(poses.array_windows());
-    let agree: Vec<bool> = pairs
-        .filter_map(|(keyframe, &[before, after])| {
-            let motion = keyframe.inertial?;
-            let shown = after?.theta - before?.theta;
-            let off = angle_apart(motion.turn, shown);
-            let turned = motion.turn.abs().max(angle_apart(shown, 0.0));
-            let (angle, share, bias) = TURN_TOLERANCE;
-            (motion.seconds < PAIR_SECONDS_MAX && turned > PAIR_TURN_MIN)
-                .then(|| off < angle + share * motion.turn.abs().min(PI) + bias * motion.seconds)
+    let turns = pairs.filter_map(|(keyframe, &[before, after])| {
+        let motion = keyframe.inertial?;
+        let shown = after?.theta - before?.theta;
+        (motion.seconds < PAIR_SECONDS_MAX).then_some(Turn {
+            seconds: motion.seconds,
+            measured: motion.turn,
+            shown,
         })
-        .collect();
+    });
+    turns.collect()
+}
+
+/// Share of the turns by which the unit, less a bias in radians per second, agrees with the poses, half turns aside. None for too few.
+fn agreement_of_turns(turns: &[Turn], bias: f32) -> Option<f32> {
+    let agree = turns.iter().filter_map(|turn| {
+        let measured = turn.measured - bias * turn.seconds;
+        let off = angle_apart(measured, turn.shown);
+        let turned = measured.abs().max(angle_apart(turn.shown, 0.0));
+        let (angle, share, rate) = TURN_TOLERANCE;
+        (turned > PAIR_TURN_MIN)
+            .then(|| off < angle + share * measured.abs().min(PI) + rate * turn.seconds)
+    });
+    let agree: Vec<bool> = agree.collect();
     let count = agree.iter().filter(|agree| **agree).count();
     (agree.len() >= PAIRS_MIN).then(|| count as f32 / agree.len() as f32)
+}
+
+/// The bias with which the unit agrees with turns of different rates, radians per second. None if no constant explains them.
+fn constant_bias(turns: &[Turn]) -> Option<f32> {
+    let rates = turns
+        .iter()
+        .map(|turn| angle_apart(turn.shown, 0.0) / turn.seconds);
+    let (least, most) = rates.fold((f32::INFINITY, 0.0_f32), |(least, most), rate| {
+        (least.min(rate), most.max(rate))
+    });
+    // Of a robot that always turns alike, a dead unit looks like a biased one.
+    if most - least < BIAS_RATES_APART_MIN {
+        return None;
+    }
+    let steps = (BIAS_MAX / BIAS_STEP) as i32;
+    let biases = (-steps..=steps).map(|step| step as f32 * BIAS_STEP);
+    let agreements: Vec<(f32, f32)> = biases
+        .filter_map(|bias| Some((bias, agreement_of_turns(turns, bias)?)))
+        .collect();
+    let most = agreements
+        .iter()
+        .map(|(_, share)| *share)
+        .fold(0.0, f32::max);
+    // Neighbouring biases agree as well: the middle one is meant.
+    let best: Vec<f32> = agreements
+        .iter()
+        .filter(|(_, share)| *share >= most)
+        .map(|(bias, _)| *bias)
+        .collect();
+    (most >= BIAS_AGREEMENT_MIN).then(|| best[best.len() / 2])
 }
 
 #[cfg(test)]
@@ -185,6 +246,18 @@ mod tests {
         let (measured, _) = drive(|force, rate| (force, rate));
         assert!(!wheels_are_turned(&measured));
         assert!(!wheels_are_turned(&[]), "nothing is known");
+    }
+
+    #[test]
+    fn constant_bias_of_the_rates_is_told_from_a_wrong_sign() {
+        let biased = |force: [f32; 3], rate: f32| (force, rate + 20.0_f32.to_radians());
+        let text = fault(biased).expect("a fault");
+        assert!(
+            text.contains("bias of about 20 degrees") || text.contains("bias of about 19"),
+            "{text}"
+        );
+        let text = fault(|force, rate| (force, -rate)).expect("a fault");
+        assert!(text.contains("a wrong sign"), "{text}");
     }
 
     #[test]
