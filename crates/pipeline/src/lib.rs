@@ -30,6 +30,7 @@ pub mod findings;
 pub mod image_faults;
 pub mod log;
 mod misplaced_images;
+mod pose_leaps;
 
 pub mod datagram;
 pub mod multi_robot;

@@ -21,6 +21,7 @@ use crate::log::{LogConfig, Recorder, start_log};
 use crate::misplaced_images::MisplacedImages;
 use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
 use crate::pipeline::Pipeline;
+use crate::pose_leaps::PoseLeaps;
 use crate::recording::Recording;
 use crate::score;
 use crate::score::detections::{DetectionStatistics, DetectionSummary, GroundTruthScene};
@@ -320,6 +321,9 @@ pub struct RecordingSummary {
     pub summary: Summary,
     /// Sentences about a doubtful set-up, and about a recording without a pose; empty when all is well.
     pub warnings: Vec<String>,
+    /// Those of the warnings that the path of the poses betrays.
+    #[serde(skip)]
+    pub path_warnings: Vec<String>,
     /// Images that could not be used.
     pub image_faults: ImageFaults,
     /// How well the set-up fits. None for too few frames.
@@ -406,6 +410,7 @@ impl RecordingRun {
         let mut labelled_objects = labels.is_some().then(LabelSummary::default);
         let mut image_faults = ImageFaults::default();
         let mut misplaced = MisplacedImages::default();
+        let mut leaps = PoseLeaps::new(setup.robot.odometry);
         let files = recording.image_files();
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
@@ -419,6 +424,7 @@ impl RecordingRun {
             let file = files.get(&cycle.stamp).map(PathBuf::as_path);
             image_faults.add_cycle(&cycle, file);
             misplaced.add(&cycle.estimate);
+            leaps.add(&cycle);
             let pose = cycle.estimate.pose;
             let error = pose.and_then(|pose| score::pose_error(&truth, cycle.stamp, pose));
             statistics.add_cycle(&cycle, error);
@@ -448,13 +454,16 @@ impl RecordingRun {
         let summary = statistics.summary();
         let mut warnings = report.warnings;
         warnings.extend(nothing_located(&summary));
-        warnings.extend(misplaced.warning(&files));
+        let path_warnings = [misplaced.warning(&files), leaps.warning()];
+        let path_warnings: Vec<String> = path_warnings.into_iter().flatten().collect();
+        warnings.extend(path_warnings.iter().cloned());
         let coverage = pipeline.scan_coverage();
         Ok(RecordingSummary {
             scan_pixels: coverage.map(|(pixels, _)| pixels),
             scan_share: coverage.map(|(_, share)| share),
             detections: detections.summary(),
             warnings,
+            path_warnings,
             image_faults,
             setup: report.figures,
             labelled_objects,

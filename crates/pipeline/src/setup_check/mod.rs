@@ -51,6 +51,7 @@ pub use report::{FitFigures, HALF_HINT, SetupReport, Suggestion};
 use crate::config::PipelineConfig;
 use crate::image_faults::ImageFaults;
 use crate::log::{LogReader, UnpackedSetup};
+use crate::pose_leaps::PoseLeaps;
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
 use assess::{Assessment, Improvement, assess, compass_agreement_in_degrees};
@@ -102,13 +103,16 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
     let config = unpacked.config()?;
     let mut keyframes = KeyframeCollector::new(&unpacked.setup);
     let mut faults = ImageFaults::default();
+    let mut leaps = PoseLeaps::new(unpacked.setup.robot.odometry);
     for logged in log {
         let cycle = logged?.cycle;
         keyframes.add_cycle(&cycle);
         faults.add_cycle(&cycle, None);
+        leaps.add(&cycle);
     }
     let report = check_with_mount(&unpacked.setup, &config, &keyframes.keyframes(), effort);
-    Ok(report.with_image_faults(Some(faults)))
+    let report = report.with_image_faults(Some(faults));
+    Ok(report.with_path_warnings(leaps.warning()))
 }
 
 /// What the tables of a recording say without its images.

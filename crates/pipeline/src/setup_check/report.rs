@@ -190,6 +190,14 @@ impl SetupReport {
         self
     }
 
+    /// Adds what the path of the poses betrays. Another doubt about the set-up explains it.
+    pub fn with_path_warnings(mut self, found: impl IntoIterator<Item = String>) -> Self {
+        if self.warnings.is_empty() {
+            found.into_iter().for_each(|sentence| self.doubt(sentence));
+        }
+        self
+    }
+
     /// Adds what the ranges of the tables betray.
     pub(super) fn with_ranges(mut self, ranges: &[RangeFinding]) -> Self {
         for finding in ranges {

@@ -8,6 +8,7 @@ use crate::commands::arguments::UsageError;
 use crate::commands::locate::EXTERNAL_POINT_STD;
 use pipeline::PipelineConfig;
 use pipeline::recording::Recording;
+use pipeline::run::{RecordingOptions, RecordingRun};
 use pipeline::setup::Setup;
 use pipeline::setup_check::{self, Effort, HALF_HINT, SetupReport, Suggestion};
 
@@ -19,7 +20,10 @@ pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
         let setup = Setup::load(&folder.join("robot.toml"), map)?;
         let recording = Recording::open(folder, EXTERNAL_POINT_STD)?;
         let config = PipelineConfig::default();
-        setup_check::check_recording(&recording, &setup, &config, Effort::Full)?
+        let report = setup_check::check_recording(&recording, &setup, &config, Effort::Full)?;
+        let is_fine = report.warnings.is_empty() && report.figures.is_some();
+        let path_warnings = is_fine.then(|| locate(folder, map)).transpose()?;
+        report.with_path_warnings(path_warnings.unwrap_or_default())
     } else {
         let place = folder.display();
         return Err(UsageError(format!("{place} is neither a folder nor a log")).into());
@@ -35,6 +39,24 @@ pub(super) fn run(folder: &Path, map: Option<&Path>, json: bool) -> Result<()> {
         1 => bail!("one doubt about the recording"),
         count => bail!("{count} doubts about the recording"),
     }
+}
+
+/// What the path of all poses betrays: a single place where the field file is wrong says little in the sum.
+fn locate(folder: &Path, map: Option<&Path>) -> Result<Vec<String>> {
+    let run = RecordingRun::open(&RecordingOptions {
+        folder: folder.to_owned(),
+        map: map.map(Path::to_owned),
+        save_map: None,
+        config: PipelineConfig::default(),
+        external_point_std: EXTERNAL_POINT_STD,
+    })?;
+    let bar = crate::progress::bar(run.frames() as u64, "frames");
+    let result = run.run(|_| {
+        bar.inc(1);
+        Ok(())
+    })?;
+    bar.finish_and_clear();
+    Ok(result.path_warnings)
 }
 
 fn has_bad_images(report: &SetupReport) -> bool {
