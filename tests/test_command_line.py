@@ -182,3 +182,44 @@ def test_report_lists_findings_and_compares_two_logs(game: Path, tmp_path: Path)
     assert "difference 0.00 cm (95 %: 0.00 to 0.00 cm)" in done.stdout
     done = mirrorball("report", tmp_path / "none.mcap", "--out", tmp_path / "none")
     assert done.returncode == 1 and done.stderr.count("\n") == 1 and "none.mcap" in done.stderr
+
+
+@pytest.mark.parametrize("delay_s", [0.2, 0.4, 0.6, 0.8])
+def test_interrupt_while_python_starts_is_one_line(delay_s: float, game: Path, tmp_path: Path) -> None:
+    command = [str(PROGRAM), "report", str(game), "--out", str(tmp_path / "page")]
+    whole = {**os.environ, "VIRTUAL_ENV": sys.prefix}
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=whole) as running:
+        time.sleep(delay_s)
+        running.send_signal(signal.SIGINT)
+        _, errors = running.communicate(timeout=60)
+    # A fast machine has written the page by then.
+    assert errors.strip() in ("mirrorball: interrupted", ""), errors
+
+
+def test_report_reads_a_log_whose_name_is_no_utf_8(game: Path, tmp_path: Path) -> None:
+    log = tmp_path / os.fsdecode(b"run\xff.mcap")
+    log.write_bytes(game.read_bytes())
+    for options in ([], ["--json"]):
+        done = mirrorball("report", log, "--out", tmp_path / "page", *options)
+        assert done.returncode == 0, done.stderr
+    assert "run\ufffd" in (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+
+
+def test_empty_folder_is_no_bag(tmp_path: Path) -> None:
+    bag = tmp_path / "empty"
+    bag.mkdir()
+    done = mirrorball("import", bag, tmp_path / "drive")
+    assert done.returncode == 1 and f"{bag}: not the folder of a ROS 2 bag (it has no metadata.yaml)" in done.stderr
+
+
+def test_negative_seed_is_refused_with_what_is_expected() -> None:
+    done = mirrorball("sim", ROOT / "config/scenarios/demo.toml", "--seed", "-1")
+    assert done.returncode == 2 and "expected a whole number from 0" in done.stderr and "-- -1" not in done.stderr
+
+
+def test_experiment_is_found_without_the_ending_of_its_file(tmp_path: Path) -> None:
+    wanted = ROOT / "config/experiments/certainty"
+    done = mirrorball("eval", wanted, "--out", tmp_path, "--only", "no such part")
+    assert done.returncode == 2 and "no part's name contains" in done.stderr, done.stderr
+    done = mirrorball("eval", tmp_path / "nothing", "--out", tmp_path)
+    assert done.returncode == 1 and "no such experiment" in done.stderr, done.stderr

@@ -2,6 +2,7 @@
 
 use std::ffi::CString;
 
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
@@ -9,6 +10,13 @@ use pyo3::types::{PyDict, PyList};
 const SOURCES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/sources.rs"));
 
 const FINDER: &str = include_str!("finder.py");
+
+/// Imports numpy and its C interface, which panics if it cannot be had later.
+pub fn load_numpy(py: Python<'_>) -> PyResult<()> {
+    py.import("numpy")?;
+    let _loads_the_interface = PyArray1::<f64>::zeros(py, 0, false);
+    Ok(())
+}
 
 /// Makes `import mirrorball` find the package that this executable carries, whatever else is installed.
 ///

@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use mirrorball_py::_core;
-use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyValueError};
+use pyo3::exceptions::{
+    PyImportError, PyKeyboardInterrupt, PyMemoryError, PyOSError, PyValueError,
+};
 use pyo3::ffi;
 use pyo3::prelude::*;
 
@@ -26,30 +28,42 @@ pub(crate) fn start(python: Option<&Path>) -> Result<()> {
     initialize(&program)
         .with_context(|| format!("cannot start Python as {}", program.display()))?;
     Python::attach(|py| {
-        mirrorball_py::embedded::install(py)?;
-        let signal = py.import("signal")?;
-        let handler = signal.getattr("default_int_handler")?;
-        // Both signals raise KeyboardInterrupt, so that a script can clean up.
-        for name in ["SIGINT", "SIGTERM"] {
-            signal.call_method1("signal", (signal.getattr(name)?, &handler))?;
-        }
-        PyResult::Ok(())
-    })
-    .context("cannot prepare Python")?;
-    Python::attach(|py| {
-        let Err(error) = py.import("numpy") else {
-            return Ok(());
-        };
-        if error.is_instance_of::<PyKeyboardInterrupt>(py) {
-            anyhow::bail!("interrupted");
-        }
-        Err(error).with_context(|| {
-            format!(
-                "{}: no numpy. Install requirements.txt there, or choose another environment with --python",
-                program.display()
-            )
+        let prepared = prepare(py);
+        prepared.map_err(|error| match error {
+            error if error.is_instance_of::<PyKeyboardInterrupt>(py) => anyhow!("interrupted"),
+            error if error.is_instance_of::<PyImportError>(py) => {
+                let text = format!(
+                    "{}: no numpy. Install requirements.txt there, or choose another environment with --python",
+                    program.display()
+                );
+                anyhow::Error::from(error).context(text)
+            }
+            error => anyhow::Error::from(error).context("cannot prepare Python"),
         })
     })
+}
+
+/// Makes our package and numpy importable, and lets signals interrupt scripts. A signal meanwhile waits: an import that it broke off
+/// would fail later, and with another error.
+fn prepare(py: Python<'_>) -> PyResult<()> {
+    let signal = py.import("signal")?;
+    let signals = ["SIGINT", "SIGTERM"].map(|name| signal.getattr(name));
+    let [interrupt, terminate] = signals;
+    let signals = [interrupt?, terminate?];
+    let mask = |how: &str| {
+        let how = signal.getattr(how)?;
+        signal.call_method1("pthread_sigmask", (how, &signals))
+    };
+    mask("SIG_BLOCK")?;
+    let handler = signal.getattr("default_int_handler")?;
+    // Both signals raise KeyboardInterrupt, so that a script can clean up.
+    for number in &signals {
+        signal.call_method1("signal", (number, &handler))?;
+    }
+    mirrorball_py::embedded::install(py)?;
+    let loaded = mirrorball_py::embedded::load_numpy(py);
+    mask("SIG_UNBLOCK")?;
+    loaded
 }
 
 /// Starts Python as `script` does; returns its version and folder.

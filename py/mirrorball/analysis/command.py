@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from pathlib import Path
 from typing import Any
 
 __all__ = ["as_json", "as_text", "report"]
@@ -28,11 +30,16 @@ def report(log: str, second: str | None, folder: str) -> dict[str, Any]:
     if second is None:
         written = reporting.report(log, folder=folder)
         found = findings_table(list(written.findings)).to_dict(orient="records")
-        return {"page": str(written.page), "frames": len(written.cycles[0]), "findings": found}
+        return {"page": _printable(written.page), "frames": len(written.cycles[0]), "findings": found}
     written = reporting.compare(log, second, folder=folder)
     first_run, second_run = written.cycles
     known = all(run["error_m"].notna().any() for run in written.cycles)
-    return {"page": str(written.page), "difference": paired_difference(first_run, second_run) if known else None}
+    return {"page": _printable(written.page), "difference": paired_difference(first_run, second_run) if known else None}
+
+
+def _printable(path: Path) -> str:
+    """A path whose bytes are no UTF-8 has marks in their place."""
+    return os.fsencode(path).decode(errors="replace")
 
 
 def as_json(result: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,7 +44,7 @@ def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10)
     if run.empty:
         raise ValueError(f"{log.path} has no cycle")
     missing, found = dropouts(run), summary(run)
-    name = log.path.stem
+    name = _name(log)
     moments = findings(log)
     sections = [
         table(["", ""], [[key, value] for key, value in sorted(log.about.items())]),
@@ -68,7 +69,7 @@ def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | 
     """Writes index.html about two logs of one drive (or of two): their figures side by side, and how far apart they are."""
     logs = (as_log(first), as_log(second))
     runs = (cycles(logs[0]), cycles(logs[1]))
-    names = [log.path.stem for log in logs]
+    names = [_name(log) for log in logs]
     if names[0] == names[1]:
         names = [f"{name} ({number})" for number, name in enumerate(names, start=1)]
     both = dict(zip(names, runs, strict=True))
@@ -89,6 +90,11 @@ def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | 
     page = write(Path(folder), title=" and ".join(names), sections=sections)
     missing = pd.concat([dropouts(run).assign(run=name) for name, run in both.items()], ignore_index=True)
     return Report(page=page, cycles=runs, summary=found, dropouts=missing)
+
+
+def _name(log: Log) -> str:
+    """What the page calls a log. Bytes that are no UTF-8 have marks in their place."""
+    return os.fsencode(log.path.stem).decode(errors="replace")
 
 
 def _finding_sections(log: Log, moments: list[Finding]) -> list[str]:

@@ -21,6 +21,8 @@ def open_bag(path: str | Path) -> Iterator[Any]:
     bag = Path(path)
     if not bag.exists():
         raise ValueError(f"{bag}: no such file")
+    if bag.is_dir() and not (bag / "metadata.yaml").exists():
+        raise ValueError(f"{bag}: not the folder of a ROS 2 bag (it has no metadata.yaml)")
     if not bag.is_dir() and bag.suffix not in {".bag", ".db3", ".mcap"}:
         raise ValueError(f"{bag}: not a bag (expected .bag, .mcap, .db3 or the folder of a ROS 2 bag)")
     try:

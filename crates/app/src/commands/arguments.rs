@@ -35,6 +35,12 @@ pub(crate) fn parse_duration(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Parses the seed of random numbers.
+pub(crate) fn parse_seed(text: &str) -> Result<u64, String> {
+    let expected = |_| format!("expected a whole number from 0 to {}", u64::MAX);
+    text.parse().map_err(expected)
+}
+
 /// Parser for the image format of a log.
 pub(crate) fn image_mode() -> impl TypedValueParser<Value = ImageCompression> {
     PossibleValuesParser::new(ImageCompression::ALL.map(ImageCompression::name))

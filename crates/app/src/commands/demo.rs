@@ -33,7 +33,7 @@ use pipeline::{Cycle, Pipeline, PipelineConfig};
 #[command(after_help = "Example: mirrorball demo --seed 3 --out out/demo")]
 pub(crate) struct Args {
     /// Seed; overrides the scenario's.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = arguments::parse_seed, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Seconds to simulate.
     #[arg(long, value_name = "SECONDS", value_parser = arguments::parse_duration, allow_negative_numbers = true)]

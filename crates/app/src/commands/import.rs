@@ -109,7 +109,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let Some(folder) = &args.folder else {
         let text = call_python(args, |commands| {
             commands
-                .call_method1("topic_list", (args.bag.display().to_string(), json))?
+                .call_method1("topic_list", (args.bag.as_os_str(), json))?
                 .extract::<String>()
         })?;
         println!("{text}");
@@ -121,8 +121,8 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     }
     let options = serde_json::to_string(&args.options())?;
     let (text, warnings) = call_python(args, |commands| {
-        let bag = args.bag.display().to_string();
-        let arguments = (bag, partial.path().display().to_string(), options, json);
+        let (bag, folder) = (args.bag.as_os_str(), partial.path().as_os_str());
+        let arguments = (bag, folder, options, json);
         commands
             .call_method1("import_folder", arguments)?
             .extract::<(String, Vec<String>)>()

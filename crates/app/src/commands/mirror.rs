@@ -7,6 +7,7 @@ use clap::{Subcommand, ValueEnum};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
+use super::arguments::parse_seed;
 use super::inputs::Inputs;
 use crate::python;
 
@@ -52,7 +53,7 @@ enum MirrorCommand {
         #[arg(long, default_value_t = 0)]
         mirrors: u32,
         /// Seed of their errors.
-        #[arg(long, default_value_t = 1)]
+        #[arg(long, default_value_t = 1, value_parser = parse_seed, allow_negative_numbers = true)]
         seed: u64,
     },
     /// Render the image of a robot with this mirror.

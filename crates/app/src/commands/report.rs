@@ -34,11 +34,11 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let outcome = Python::attach(|py| {
         let called = || -> PyResult<String> {
             let commands = py.import("mirrorball.analysis.command")?;
-            let text = |path: &PathBuf| path.display().to_string();
+            // As Python writes a name that is no UTF-8.
             let arguments = (
-                text(&args.log),
-                args.second.as_ref().map(text),
-                text(&args.out),
+                args.log.as_os_str(),
+                args.second.as_ref().map(|path| path.as_os_str()),
+                args.out.as_os_str(),
             );
             let result = commands.call_method1("report", arguments)?;
             let formatter = if json { "as_json" } else { "as_text" };

@@ -37,7 +37,7 @@ pub(crate) struct Args {
     /// The scenario (TOML).
     scenario: PathBuf,
     /// Seed, in place of the scenario's; the same seed gives the same run, bit for bit.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = arguments::parse_seed, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Seconds to simulate; overrides the scenario's.
     #[arg(long, value_name = "SECONDS", value_parser = arguments::parse_duration, allow_negative_numbers = true)]

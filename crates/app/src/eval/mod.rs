@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
-use crate::commands::arguments::UsageError;
+use crate::commands::arguments::{UsageError, parse_seed};
 use experiment::{Experiment, Part, PartRun};
 use output::{CsvRows, EvalResults, PartResults};
 use pipeline::paths;
@@ -44,7 +44,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     seeds: Option<u64>,
     /// The first seed.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = parse_seed, allow_negative_numbers = true)]
     seed: u64,
     /// Run only the parts whose name contains this.
     #[arg(long, value_name = "TEXT", default_value = "")]
@@ -127,15 +127,22 @@ fn find_experiment(name: &str) -> Result<PathBuf> {
     if file.extension().is_some() {
         return Ok(file.to_owned());
     }
-    if name.is_empty() || name.contains(['/', '\\']) {
-        bail!(
-            "invalid experiment: {name:?} (expected a name in config/experiments or a TOML file)"
-        );
+    let is_name = !name.is_empty() && !name.contains(['/', '\\']);
+    if !is_name {
+        let files = [file.to_owned(), file.with_extension("toml")];
+        return files.into_iter().find(|file| file.is_file()).with_context(|| {
+            format!(
+                "no such experiment: {name:?} (expected a name in config/experiments or a TOML file)"
+            )
+        });
     }
     let folder = paths::find_resource("config/experiments")?;
     let file = folder.join(format!("{name}.toml"));
     if file.exists() {
         return Ok(file);
+    }
+    if Path::new(name).is_file() {
+        return Ok(PathBuf::from(name));
     }
     let mut known: Vec<String> = std::fs::read_dir(&folder)
         .with_context(|| format!("cannot read {}", folder.display()))?
@@ -144,7 +151,7 @@ fn find_experiment(name: &str) -> Result<PathBuf> {
         .collect();
     known.sort();
     bail!(
-        "unknown experiment: {name:?} (expected one of {})",
+        "unknown experiment: {name:?} (expected one of {}, or a TOML file)",
         known.join(", ")
     )
 }

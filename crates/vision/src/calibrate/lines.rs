@@ -84,8 +84,8 @@ const POINTS_MIN: usize = 25;
 /// Fewest images that separate the map from the poses.
 pub(super) const IMAGES_MIN: usize = 4;
 
-/// Most images used; more are subsampled evenly.
-const IMAGES_MAX: usize = 60;
+/// Most images that a calibration by lines uses; more are subsampled evenly.
+pub const LINES_IMAGES_MAX: usize = 60;
 
 /// An image with a smaller fraction of points on markings is excluded in the end.
 const INLIER_SHARE_MIN: f64 = 0.6;
@@ -177,7 +177,7 @@ fn detect_line_points(
     let vision = Vision::new(map, camera, field.config.line_width, config)
         .map_err(named("the initial map"))?;
     let repeated = repeated_images(images.iter().map(|image| &image.image));
-    let step = images.len().div_ceil(IMAGES_MAX).max(1);
+    let step = images.len().div_ceil(LINES_IMAGES_MAX).max(1);
     let sampled: Vec<usize> = (0..images.len()).step_by(step).collect();
     sampled
         .into_par_iter()
@@ -296,7 +296,7 @@ fn summarize_fit(
             name: image.name.clone(),
             points: 0,
             rms_px: f64::NAN,
-            left_out: Some(format!("not needed: {IMAGES_MAX} images suffice")),
+            left_out: Some(format!("not needed: {LINES_IMAGES_MAX} images suffice")),
         })
         .collect();
     for image in image_points {

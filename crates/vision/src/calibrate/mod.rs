@@ -33,7 +33,7 @@ pub use acceptance::doubt;
 pub use apparent_size::{SizeBin, SizeCalibration, calibrate_sizes};
 pub use colours::{LearnedColours, learn_colours};
 pub use known_map::calibrate_lines;
-pub use lines::{LinesCalibration, NamedImage};
+pub use lines::{LINES_IMAGES_MAX, LinesCalibration, NamedImage};
 pub use mask::calibrate_mask;
 pub use mount_fit::{MountFit, fit_mount};
 pub use rim::{Rim, RimError, find_rim};

@@ -118,6 +118,11 @@ pub(super) fn load_strip_images(folder: &Path) -> Result<Vec<StripImage>> {
 
 /// The images of frames.csv, or of strip.csv if there is none. Images that cannot be read are reported and left out.
 pub(super) fn load_drive_images(folder: &Path) -> Result<Vec<NamedImage>> {
+    load_spread_images(folder, usize::MAX)
+}
+
+/// As [`load_drive_images`], at most so many, evenly spread over the drive: thousands would not fit into memory.
+pub(super) fn load_spread_images(folder: &Path, images_max: usize) -> Result<Vec<NamedImage>> {
     let (frames, strip) = (folder.join("frames.csv"), folder.join("strip.csv"));
     // A message about a missing table names the usual one.
     let path = if !frames.exists() && strip.exists() {
@@ -126,7 +131,16 @@ pub(super) fn load_drive_images(folder: &Path) -> Result<Vec<NamedImage>> {
         frames
     };
     let (mut images, mut common) = (Vec::new(), CommonOrientation::default());
-    for row in CsvTable::read(&path, &["file"])?.rows() {
+    let table = CsvTable::read(&path, &["file"])?;
+    let count = table.rows().count();
+    let step = count.div_ceil(images_max).max(1);
+    if step > 1 {
+        eprintln!(
+            "{} of {count} images are used, evenly spread: more add time, not accuracy",
+            count.div_ceil(step)
+        );
+    }
+    for row in table.rows().step_by(step) {
         let name = row.text("file")?.to_owned();
         match Image::load_with_orientation(&folder.join(&name)) {
             Ok((image, orientation)) => {

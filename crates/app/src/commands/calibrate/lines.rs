@@ -6,10 +6,11 @@ use anyhow::{Context, Result, ensure};
 use localize::Field;
 use localize::robot::{CameraSection, RobotConfig};
 use vision::calibrate::{
-    ImageResidual, LinesCalibration, NamedImage, calibrate_lines, calibrate_unknown_mirror, doubt,
+    ImageResidual, LINES_IMAGES_MAX, LinesCalibration, NamedImage, calibrate_lines,
+    calibrate_unknown_mirror, doubt,
 };
 
-use super::images::load_drive_images;
+use super::images::load_spread_images;
 use super::map::{FoundCamera, Outcome, ensure_map_can_be_saved, outcome, save};
 use crate::commands::inputs::Inputs;
 use pipeline::PipelineConfig;
@@ -61,7 +62,7 @@ pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec
         .camera
         .as_ref()
         .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
-    let images = load_drive_images(&args.dir)?;
+    let images = load_spread_images(&args.dir, LINES_IMAGES_MAX)?;
     let calibration = with_progress(|progress| {
         calibrate_lines(
             camera,
@@ -85,7 +86,7 @@ fn calibrate_from_nothing(
     section: &CameraSection,
     field: &Field,
 ) -> Result<(Outcome, Vec<ImageResidual>)> {
-    let images = load_drive_images(&args.dir)?;
+    let images = load_spread_images(&args.dir, LINES_IMAGES_MAX)?;
     ensure_size(&images, section, &args.dir)?;
     let found = with_progress(|progress| {
         calibrate_unknown_mirror(
@@ -114,7 +115,11 @@ fn calibrate_from_nothing(
 /// Shows a bar while `work` reports the share that is done.
 fn with_progress<T>(work: impl FnOnce(&(dyn Fn(f32) + Sync)) -> T) -> T {
     let bar = crate::progress::bar(PROGRESS_STEPS as u64, "%");
-    let result = work(&|share: f32| bar.set_position((PROGRESS_STEPS * share) as u64));
+    let lines = crate::progress::Lines::new("calibrate lines");
+    let result = work(&|share: f32| {
+        bar.set_position((PROGRESS_STEPS * share) as u64);
+        lines.show(share);
+    });
     bar.finish_and_clear();
     result
 }

@@ -24,7 +24,12 @@ pub(crate) use map::{MapArgs, calibrate_map};
 
 /// Calibrate the camera (rim, ground map and its mount, colours, mask, sizes, latency), the wheels, the inertial unit and the compass.
 #[derive(clap::Args)]
-#[command(subcommand_required = true, arg_required_else_help = true)]
+#[command(
+    subcommand_required = true,
+    arg_required_else_help = true,
+    after_help = "Example: mirrorball calibrate lines drive/ --out map.npz\n         \
+                  mirrorball calibrate wheels drive/ --out wheels.toml"
+)]
 pub(crate) struct Args {
     #[command(subcommand)]
     command: CalibrateCommand,
