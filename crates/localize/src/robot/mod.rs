@@ -55,7 +55,8 @@ pub struct RobotConfig {
     pub labels: Option<PathBuf>,
     /// A saved colour table, instead of labels.
     pub colours: Option<PathBuf>,
-    /// Wheels.
+    /// Three or four omnidirectional wheels. A robot with another drive, such as a differential one, has no `[base]`: its motion comes
+    /// from odometry.csv (dy_m = 0), or from ROS 2.
     pub base: Option<BaseConfig>,
     /// Correction of the wheels' motion.
     pub odometry: Option<OdometryCalibration>,
@@ -424,7 +425,9 @@ impl BaseConfig {
         if !(3..=4).contains(&wheels) {
             return Err((
                 "base.wheel_angles_deg",
-                format!("{wheels} wheels: three or four are wanted"),
+                format!(
+                    "{wheels} wheels (expected three or four omnidirectional ones; a robot with another drive leaves [base] out and gives its motion in odometry.csv)"
+                ),
             ));
         }
         check_within("base.wheel_angles_deg", &self.wheel_angles_deg, TURN_DEG)?;
@@ -478,6 +481,19 @@ mod tests {
                 "{message}"
             );
         }
+    }
+
+    #[test]
+    fn two_wheels_are_refused_with_what_a_differential_robot_does() {
+        let two = "field = \"field.toml\"\n[base]\nwheel_angles_deg = [90.0, 270.0]\n";
+        let message = load(two).expect_err("refused").to_string();
+        assert!(
+            message.contains("line 3: base.wheel_angles_deg: 2 wheels")
+                && message.contains("leaves [base] out"),
+            "{message}"
+        );
+        let none = load("field = \"field.toml\"\n").expect("a robot");
+        assert_eq!(none.base, None);
     }
 
     #[test]
