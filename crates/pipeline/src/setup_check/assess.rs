@@ -9,7 +9,6 @@ use localize::setup_check::{Comparison, Explanation, FieldTables, compare, expla
 use rayon::prelude::*;
 
 use super::change::Change;
-use super::compass_turn;
 use super::effort::Effort;
 use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
@@ -194,11 +193,11 @@ impl Trial<'_> {
         let mut changes = Vec::new();
         if full || !sensors_fine {
             changes.extend(mounts());
-            changes.extend(compass_turn::quarter_turns());
+            changes.extend(Self::compass_quarter_turns());
         }
         if full || !sensors_fine || self.turns_are_fast() {
             changes.push(Change::OdometryRotationInDegrees);
-            if compass_turn::can_be_degrees(self.measured) {
+            if self.headings_can_be_degrees() {
                 changes.push(Change::CompassInDegrees);
             }
         }

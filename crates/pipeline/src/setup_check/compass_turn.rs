@@ -16,22 +16,22 @@ const IRON_MAX_DEG: f32 = 15.0;
 /// Steps of another angle, degrees: the bias of a compass is of this size.
 const STEP_DEG: f32 = 5.0;
 
-/// Turns, and turns of a compass that counts clockwise.
-pub(super) fn quarter_turns() -> impl Iterator<Item = Change> {
-    let turned = [90, 180, 270].map(Change::CompassTurn);
-    turned
-        .into_iter()
-        .chain([0, 90, 180, 270].map(Change::CompassMirrored))
-}
-
-/// Could the headings be in degrees? Such ones all within a turn of radians say that the robot stood within six degrees of zero: any
-/// of its poses would agree with them.
-pub(super) fn can_be_degrees(measured: &[MeasuredKeyframe]) -> bool {
-    let mut headings = measured.iter().filter_map(|keyframe| keyframe.compass);
-    headings.any(|heading| heading.abs() > TAU)
-}
-
 impl Trial<'_> {
+    /// Turns, and turns of a compass that counts clockwise.
+    pub(super) fn compass_quarter_turns() -> impl Iterator<Item = Change> {
+        let turned = [90, 180, 270].map(Change::CompassTurn);
+        turned
+            .into_iter()
+            .chain([0, 90, 180, 270].map(Change::CompassMirrored))
+    }
+
+    /// Could the headings be in degrees? Such ones all within a turn of radians say that the robot stood within six degrees of
+    /// zero: any of its poses would agree with them.
+    pub(super) fn headings_can_be_degrees(&self) -> bool {
+        let mut headings = self.measured.iter().filter_map(|keyframe| keyframe.compass);
+        headings.any(|heading| heading.abs() > TAU)
+    }
+
     /// The same change by the angle that the poses tell, if it is clearly no quarter turn.
     pub(super) fn refine_compass_turn(
         &self,
