@@ -229,7 +229,9 @@ impl Localizer {
         let consistent = is_consistent(filter, &matched);
         let poor = self.is_poor_match(matched.inlier_share);
         let agrees = consistent && !poor;
-        if agrees && matched.repetition_ratio <= 1.0 {
+        let may_be_pulled = matched.repetition_ratio > 1.0
+            && self.config.mode.suspect_rule != SuspectRule::Thresholds;
+        if agrees && !may_be_pulled {
             return TrackedMatch::new(matched, Agreement::Consistent);
         }
         if let Some(free) = self.match_freely(filter, points, &matched) {
