@@ -120,16 +120,18 @@ def test_commands_that_waited_while_the_process_was_stopped_neither_drive_nor_ki
     for sequence in range(20):
         program.send(program.datagram(sequence, boot, drive=FORWARD))
         program.send(program.datagram(100 + sequence, boot, kick={"speed": 5.0}, drive=FORWARD))
+    # Datagrams arrive in order: when this one is refused, all before it were read.
+    program.send(program.datagram(200, boot, key="known to nobody"))
     # Ten times as long as a command is valid.
     time.sleep(1.0)
     run.send_signal(signal.SIGCONT)
-    fault = program.state(command_fault="too late: expired before it was read, or based on an old state")
+    fault = program.state(command_fault="not under our key")
     assert fault["boot"] == boot
     run.send_signal(signal.SIGTERM)
     report = ended(run)
     sim.send_signal(signal.SIGTERM)
     stats = ended(sim)["commands"]
-    assert report["commands"]["refused"] == {"late": 21, "old": 19} and report["commands"]["accepted"] == 0
+    assert report["commands"]["refused"] == {"late": 21, "old": 19, "unsealed": 1} and report["commands"]["accepted"] == 0
     assert stats["driving"] == 0 and stats["kicks"] == 0, stats
     with (tmp_path / "truth.csv").open() as file:
         truth = [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file) if float(row["stamp_s"]) > stopped]
