@@ -133,6 +133,28 @@ fn single_images_are_located_with_a_compass() {
 }
 
 #[test]
+fn robot_that_sees_three_metres_knows_its_place_after_five_seconds_and_keeps_it() {
+    for seed in 0..6 {
+        let short_sight = SyntheticDriveConfig {
+            range_max: 3.0,
+            ..SyntheticDriveConfig::default()
+        };
+        let mut localizer = localizer();
+        for (k, frame) in drive(seed, short_sight).take(600).enumerate() {
+            localizer.add_odometry(&frame.odometry);
+            localizer.add_compass(&frame.compass);
+            let estimate = localizer.process_points(frame.stamp, &frame.points);
+            if k < 150 {
+                continue;
+            }
+            assert_eq!(estimate.mode, Mode::Tracking, "seed {seed}, frame {k}");
+            let error = position_error(estimate.pose.expect("a pose"), frame.true_pose);
+            assert!(error < 0.1, "seed {seed}, frame {k}: {error} m");
+        }
+    }
+}
+
+#[test]
 fn field_half_is_unknown_until_a_compass_reading() {
     let mut localizer = localizer();
     let mut frames = drive(4, SyntheticDriveConfig::default());

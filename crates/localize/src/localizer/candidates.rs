@@ -49,6 +49,8 @@ struct Candidate {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Candidates {
     candidates: Vec<Candidate>,
+    /// Images in a row that no pose of the field explains.
+    unexplained: u32,
 }
 
 /// Measurements of one image.
@@ -69,6 +71,12 @@ pub(super) struct ImageMeasurements<'a> {
 impl Candidates {
     pub(super) fn is_empty(&self) -> bool {
         self.candidates.is_empty()
+    }
+
+    /// Counts an image that no pose of the field explains, and tells how many there have been in a row.
+    pub(super) fn count_unexplained(&mut self) -> u32 {
+        self.unexplained += 1;
+        self.unexplained
     }
 
     /// All filters, for odometry to move.
@@ -179,31 +187,34 @@ impl Candidates {
         config: &FilterConfig,
         odometry_prior: &OdometryPrior,
     ) {
+        self.unexplained = 0;
+        self.leave_place();
         for candidate in &mut self.candidates {
             candidate.update(matcher, search, measurements, config);
         }
-        let initial_log_weight = if self.candidates.is_empty() {
-            0.0
-        } else {
-            -NEW_CANDIDATE_PENALTY
-        };
+        self.merge_met(search, measurements.fold_half_turn);
+        let known_best = self.candidates.first().map(|best| best.evidence.clone());
         for hypothesis in found {
             let pose = hypothesis.pose;
-            let known = self.candidates.iter().any(|candidate| {
-                let candidate_pose = candidate.filter.pose();
-                search.is_same_hypothesis(candidate_pose, pose)
-                    || measurements.fold_half_turn
-                        && search.is_same_hypothesis(half_turn(candidate_pose), pose)
-            });
-            if known {
+            let is_known = |candidate: &Candidate| {
+                is_same(
+                    search,
+                    measurements.fold_half_turn,
+                    [candidate.filter.pose(), pose],
+                )
+            };
+            if self.candidates.iter().any(is_known) {
                 continue;
             }
             let tilt = hypothesis.tilt;
             let matched = matcher.evaluate(measurements.distances, measurements.points, pose, tilt);
             let cost =
                 measurements.cost(matcher, &matched) + measurements.negative_log_likelihood(pose);
-            let mut evidence = Evidence::new(pose, initial_log_weight);
-            evidence.add(pose, -cost);
+            let mut evidence = match &known_best {
+                Some(best) => best.of_rival(pose, NEW_CANDIDATE_PENALTY),
+                None => Evidence::new(pose, 0.0),
+            };
+            evidence.add(-cost);
             self.candidates.push(Candidate {
                 filter: PoseFilter::new(pose, &hypothesis.covariance, None, config, odometry_prior),
                 hypothesis: hypothesis.clone(),
@@ -216,11 +227,49 @@ impl Candidates {
         self.normalize();
     }
 
+    /// Begins another place for all hypotheses at once, so that their places have the same images.
+    fn leave_place(&mut self) {
+        let share = self
+            .candidates
+            .first()
+            .and_then(|best| best.evidence.share_at_next_place(best.filter.pose()));
+        if let Some(share) = share {
+            for candidate in &mut self.candidates {
+                candidate
+                    .evidence
+                    .leave_place(candidate.filter.pose(), share);
+            }
+        }
+    }
+
+    /// Makes one of the hypotheses that matches have led to the same place: it would share its probability with itself,
+    /// and never be decided.
+    fn merge_met(&mut self, search: &BranchAndBound, fold_half_turn: bool) {
+        self.sort();
+        let mut kept: Vec<Candidate> = Vec::with_capacity(self.candidates.len());
+        for candidate in self.candidates.drain(..) {
+            let poses = |other: &Candidate| [other.filter.pose(), candidate.filter.pose()];
+            match kept
+                .iter_mut()
+                .find(|other| is_same(search, fold_half_turn, poses(other)))
+            {
+                Some(same) => same.images = same.images.max(candidate.images),
+                None => kept.push(candidate),
+            }
+        }
+        self.candidates = kept;
+    }
+
+    /// Most probable first.
+    fn sort(&mut self) {
+        self.candidates
+            .sort_by(|a, b| b.evidence.log_weight().total_cmp(&a.evidence.log_weight()));
+    }
+
     /// Sorts, drops improbable hypotheses and computes the probabilities.
     fn normalize(&mut self) {
         let log_weight = |candidate: &Candidate| candidate.evidence.log_weight();
-        self.candidates
-            .sort_by(|a, b| log_weight(b).total_cmp(&log_weight(a)));
+        self.sort();
         let top = self.candidates.first().map_or(0.0, log_weight);
         self.candidates.truncate(CANDIDATES_MAX);
         self.candidates
@@ -234,6 +283,11 @@ impl Candidates {
             candidate.hypothesis.probability = math::exp(log_weight(candidate)) / total;
         }
     }
+}
+
+/// Are two poses one hypothesis, modulo the half turn with `fold_half_turn`?
+fn is_same(search: &BranchAndBound, fold_half_turn: bool, [a, b]: [Pose; 2]) -> bool {
+    search.is_same_hypothesis(a, b) || fold_half_turn && search.is_same_hypothesis(half_turn(a), b)
 }
 
 impl Candidate {
@@ -272,7 +326,7 @@ impl Candidate {
         let cost = measurements.cost(matcher, &matched)
             + by_pose
             + measurements.negative_log_likelihood(matched.pose);
-        self.evidence.add(matched.pose, -cost);
+        self.evidence.add(-cost);
         self.hypothesis = Hypothesis::from_match(&matched);
     }
 }

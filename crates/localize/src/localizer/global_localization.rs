@@ -64,7 +64,12 @@ impl Localizer {
             return self.lost_estimate(stamp, Reason::Searching, found);
         }
         if !self.is_plausible_match(&found, points.len()) {
-            self.lose_pose();
+            let unexplained = candidates.count_unexplained();
+            if candidates.is_empty() || unexplained >= self.config.mode.suspect_frames_max {
+                self.lose_pose();
+            } else {
+                self.keep_candidates(candidates);
+            }
             return self.lost_estimate(stamp, Reason::NoMatch, found);
         }
         let half_observed = heading_prior.is_some() || self.goals_decide_half(&found, &goals);
