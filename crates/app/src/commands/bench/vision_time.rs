@@ -4,6 +4,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use localize::Mode;
 use vision::image::{Image, ImageView, PixelFormat};
 use vision::scan::pattern::ScanLines;
 use vision::{Mount, Profile, Vision, optics};
@@ -90,22 +91,25 @@ pub(super) fn measure_vision(figures: &mut Figures) -> Result<()> {
     Ok(())
 }
 
-/// Times from an image to its pose and to its ball and robots, over a drive that is repeated.
+/// Times from an image to its pose and to its ball and robots, over a drive that is repeated, once its pose is tracked: the
+/// images before learn the colours and search the field.
 fn time_cycles(samples: &[Sample], setup: &Setup, repeats: usize) -> Result<[CallTimes; 2]> {
     let [mut to_pose, mut to_world] = [Vec::new(), Vec::new()];
     for _ in 0..repeats {
         let mut pipeline = Pipeline::new(setup, &PipelineConfig::default())?;
-        // It learns the colours and searches the field.
-        let mut is_first_image = true;
+        let mut is_tracking = false;
         for sample in samples.iter().cloned() {
             let started = Instant::now();
             let elapsed_ms = || started.elapsed().as_secs_f64() * 1e3;
             let mut pose_ms = 0.0;
             let cycle = pipeline.process_sample_with(sample, |_| pose_ms = elapsed_ms());
             let world_ms = elapsed_ms();
-            if cycle.is_some() && !std::mem::take(&mut is_first_image) {
-                to_pose.push(pose_ms);
-                to_world.push(world_ms);
+            if let Some(cycle) = cycle {
+                if is_tracking {
+                    to_pose.push(pose_ms);
+                    to_world.push(world_ms);
+                }
+                is_tracking = cycle.estimate.mode == Mode::Tracking;
             }
         }
     }
