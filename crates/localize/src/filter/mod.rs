@@ -15,7 +15,7 @@ mod pose_gaussian;
 pub use config::{FilterConfig, FilterKind};
 pub use inputs::{ImuInterval, PredictionInput, TiltEstimate, TiltPrior, WheelIncrement};
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use crate::frames::Pose;
 use crate::matching::{Match, Matrix5, PARAMETERS, PosePrior, UNINFORMATIVE_PRIOR};
@@ -362,6 +362,21 @@ impl PoseFilter {
     /// Multiplies the pose's covariance by `factor` after an unreported motion. Scales and biases keep theirs.
     pub fn inflate_covariance(&mut self, factor: f32) {
         either!(self, filter => filter.inflate_covariance(factor.max(1.0)));
+    }
+
+    /// Admits a motion that no sensor reported: as far in any direction as the one that was seen, metres and radians. What the
+    /// image says nothing about stays as certain as that.
+    pub fn admit_motion(&mut self, [x, y, theta]: [f32; 3]) {
+        match self {
+            PoseFilter::Joint(joint) => joint.doubt_pose(math::hypot(x, y), theta.abs()),
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => {
+                let motion = Vector3::new(x, y, theta);
+                let information = self.covariance().try_inverse();
+                let factor =
+                    information.map_or(1.0, |information| motion.dot(&(information * motion)));
+                self.inflate_covariance(factor);
+            }
+        }
     }
 
     /// Moves pose (x, y, θ) and camera tilt (a, b) by a step that a correction of the map implies. Covariances stay.

@@ -18,6 +18,7 @@ mod measurements;
 mod motion_inputs;
 mod output;
 mod own_motion;
+mod repeated_pose_error;
 mod state;
 mod stuck_compass;
 mod supported_points;
@@ -57,6 +58,7 @@ use fit_monitor::{FitMarkings, FitMonitor};
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
 use own_motion::OwnMotion;
+use repeated_pose_error::RepeatedPoseError;
 use state::{GlobalCheck, State};
 use stuck_compass::StuckCompass;
 pub use team_sightings::{
@@ -135,8 +137,7 @@ pub struct Localizer {
     tilt_prior: TiltPrior,
     /// Posterior variances of the tilt in the last tracked image, rad².
     tilt_variances: Option<[f32; 2]>,
-    /// Of (x, y, θ): errors that successive images repeat, as of the last tracked image.
-    repeated_covariance: Matrix3<f32>,
+    repeated_error: RepeatedPoseError,
     /// Check of the tracked pose against the whole field, a part in each image.
     global_check: Option<GlobalCheck>,
     /// Smoothed over about a second of tracked images.
@@ -230,7 +231,7 @@ impl Localizer {
             tilt_prior: TiltPrior::FromState,
             tilt_variances: None,
             expected_tilt: [0.0; 2],
-            repeated_covariance: Matrix3::zeros(),
+            repeated_error: RepeatedPoseError::default(),
             particles_stamp: Stamp(i64::MIN),
             last_odometry: None,
             odometry_continuous: false,
@@ -398,7 +399,7 @@ impl Localizer {
     fn add_repeated_errors(&self, estimate: &mut Estimate) {
         let averaged = estimate.covariance;
         if self.state.track().is_some() {
-            estimate.covariance += self.repeated_covariance;
+            estimate.covariance += self.repeated_error.covariance();
         }
         self.add_map_uncertainty(estimate);
         estimate.repeated_covariance = estimate.covariance - averaged;

@@ -123,6 +123,12 @@ impl Localizer {
         .into_estimate(stamp)
     }
 
+    /// Covariance of a pose that is not quite decided: with what is left of the probability, it is anywhere on the field.
+    pub(super) fn or_any_place(&self, covariance: &Matrix3<f32>) -> Matrix3<f32> {
+        let share = self.config.mode.decision_probability;
+        covariance * share + self.uniform_covariance * (1.0 - share)
+    }
+
     /// Estimate of the most probable candidate. `fold_half_turn`: the candidates stand for their half turns too.
     pub(super) fn candidate_estimate(
         &self,
@@ -136,8 +142,7 @@ impl Localizer {
         let is_confirmed = self.last_odometry.is_none() || self.is_confirmed(candidates);
         let mut covariance = candidates.covariance();
         if !is_confirmed {
-            let share = self.config.mode.decision_probability;
-            covariance = covariance * share + self.uniform_covariance * (1.0 - share);
+            covariance = self.or_any_place(&covariance);
         }
         let parts = EstimateParts {
             filter: Some(filter),

@@ -62,6 +62,8 @@ pub(super) struct Alternative {
     pub(super) filter: PoseFilter,
     /// Consecutive images that preferred it.
     pub(super) images: u32,
+    /// Consecutive images that preferred any other pose to the tracked one.
+    pub(super) contradictions: u32,
 }
 
 /// A check of the tracked pose against the whole field, in progress (`global_check`).
@@ -148,6 +150,7 @@ mod tests {
         let alternative = Alternative {
             filter: filter(2.0),
             images: 1,
+            contradictions: 1,
         };
         let mut state = State::Suspect(track, Suspicion::BetterAlternative(alternative));
         let mut visited = Vec::new();

@@ -116,15 +116,26 @@ impl Localizer {
             }
         }
         if agreement == Agreement::Contradicts || self.explains_nothing(&matched, points.len()) {
-            return self.dead_reckon(stamp, track, suspicion, Reason::PoorMatch);
+            let mut estimate = self.dead_reckon(stamp, track, suspicion, Reason::PoorMatch);
+            // So many points would show the place, were it this one: not all of them are clutter, as a rule.
+            if estimate.pose.is_some() && points.len() as f32 >= 2.0 * self.config.mode.inliers_min
+            {
+                estimate.covariance = self.or_any_place(&estimate.covariance);
+            }
+            return estimate;
         }
-        let predicted =
-            (agreement == Agreement::Consistent).then(|| track.filter.pose_prior(self.tilt_prior));
+        let prior = track.filter.pose_prior(self.tilt_prior);
+        let predicted = (agreement == Agreement::Consistent).then_some(prior);
         track
             .filter
             .update(&matched, self.tilt_prior, &self.config.filter);
         self.learn_map(stamp, points, &matched, predicted, &mut track.filter);
-        self.repeated_covariance = matched.repeated_covariance;
+        self.repeated_error.update(
+            matched.pose,
+            &matched.covariance,
+            matched.repeated_factor,
+            &prior,
+        );
         self.tilt_variances = Some([3, 4].map(|k| matched.pose_tilt_covariance[(k, k)]));
         self.mean_inlier_share += 0.05 * (matched.inlier_share - self.mean_inlier_share);
         self.confirm_pose(track);
@@ -239,10 +250,18 @@ impl Localizer {
                 // Images that repeat errors count so little that slow wheels pulled the pose off the markings.
                 filter.learn_noise(&free, self.tilt_prior);
             }
-            let offset = free.pose.difference(filter.pose());
-            let information = prior.information.fixed_view::<3, 3>(0, 0);
-            filter.inflate_covariance(offset.dot(&(information * offset)));
-            return TrackedMatch::new(free, Agreement::Inflated);
+            filter.admit_motion(free.pose.difference(filter.pose()).into());
+            let start = MatchStart {
+                pose: Some(free.pose),
+                tilt: free.tilt,
+                error: 0.0,
+                is_single_image: true,
+            };
+            let prior = filter.pose_prior(self.tilt_prior);
+            let matched =
+                self.matcher
+                    .refine_with_prior(&self.distance_field, points, prior, start);
+            return TrackedMatch::new(matched, Agreement::Inflated);
         }
         if consistent {
             return TrackedMatch::new(matched, Agreement::Consistent);
@@ -429,9 +448,10 @@ impl Localizer {
         let reason = Some(Reason::BetterAlternative);
         let mut estimate = self.estimate(stamp, reason, MatchFigures::default(), alternatives);
         if let Some(pose) = estimate.pose {
-            // Both poses count as equally probable until one of them is confirmed.
+            // Both poses count as equally probable until one of them is confirmed. Neither may be right.
             let offset = better.pose.difference(pose);
             estimate.covariance += offset * offset.transpose() * 0.5;
+            estimate.covariance = self.or_any_place(&estimate.covariance);
         }
         estimate
     }

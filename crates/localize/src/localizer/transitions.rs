@@ -12,6 +12,7 @@ use super::Localizer;
 use super::candidates::Candidates;
 use super::field_half::HalfEvidence;
 use super::mate_record::MateRecords;
+use super::repeated_pose_error::RepeatedPoseError;
 use super::state::{Alternative, PoseTrack, State, Suspicion};
 use crate::filter::PoseFilter;
 use crate::frames::Pose;
@@ -45,6 +46,7 @@ impl Localizer {
     ) {
         self.global_check = None;
         self.global_search.reset();
+        self.repeated_error = RepeatedPoseError::default();
         self.state = State::Tracking(PoseTrack {
             filter,
             half_evidence,
@@ -67,7 +69,8 @@ impl Localizer {
         };
     }
 
-    /// Tracking or Suspect → Suspect, or Lost when enough consecutive images preferred the same alternative.
+    /// Tracking or Suspect → Suspect, or Lost when enough consecutive images preferred the same alternative, or twice as many
+    /// any: stamps that leap, for example, move all alternatives aside.
     pub(super) fn suspect_alternative(
         &mut self,
         track: PoseTrack,
@@ -77,19 +80,25 @@ impl Localizer {
         let same = |known: &Alternative, pose: Pose| {
             self.search.is_same_hypothesis(known.filter.pose(), pose)
         };
-        let images = match previous {
-            Some(Suspicion::BetterAlternative(known)) if same(&known, alternative.pose()) => {
-                known.images + 1
+        let (images, contradictions) = match previous {
+            Some(Suspicion::BetterAlternative(known)) => {
+                let again = same(&known, alternative.pose());
+                (
+                    if again { known.images + 1 } else { 1 },
+                    known.contradictions + 1,
+                )
             }
-            _ => 1,
+            _ => (1, 1),
         };
-        if images >= self.config.mode.suspect_frames_max {
+        let images_max = self.config.mode.suspect_frames_max;
+        if images >= images_max || contradictions >= 2 * images_max {
             self.lose_pose();
             return;
         }
         let alternative = Alternative {
             filter: alternative,
             images,
+            contradictions,
         };
         self.state = State::Suspect(track, Suspicion::BetterAlternative(alternative));
     }

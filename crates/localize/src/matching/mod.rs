@@ -44,6 +44,8 @@ pub struct PosePrior {
 /// Where a match under a prior starts, and as what its points count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatchStart {
+    /// From where to match; the predicted pose if None.
+    pub pose: Option<Pose>,
     /// Possible error of the predicted pose, metres: the reach of the first step.
     pub error: f32,
     /// Tilt beyond the expected one, radians.
@@ -57,6 +59,7 @@ impl MatchStart {
     /// From the expected tilt, for one of many images.
     pub fn new(error: f32) -> Self {
         MatchStart {
+            pose: None,
             error,
             tilt: [0.0; 2],
             is_single_image: false,
@@ -79,8 +82,8 @@ pub struct Match {
     pub pose_tilt_covariance: Matrix5,
     /// Variance that the points count with over the one as a single image: above 1 if images on the way repeat errors.
     pub repetition_ratio: f32,
-    /// Of (x, y, θ): the part of this image's error that further images here repeat (docs/methods.md 5.9).
-    pub repeated_covariance: Matrix3<f32>,
+    /// Variance of the points' errors that further images here repeat over that which they count with (docs/methods.md 5.9).
+    pub repeated_factor: f32,
     /// Number of parameters that the points determined, at most 5. The prior determined the others.
     pub determined_parameters: f32,
     /// Variance of the residuals over that of the points, from this image alone (docs/methods.md 5.6).
@@ -201,7 +204,12 @@ impl Matcher {
         self.repetition = self.repeated.repetition().image_factor();
         Match {
             mahalanobis_squared: 0.0,
-            ..self.minimise(distances, points, uninformative, [0.0; 2], start_error)
+            ..self.minimise(
+                distances,
+                points,
+                uninformative,
+                MatchStart::new(start_error),
+            )
         }
     }
 
@@ -219,7 +227,7 @@ impl Matcher {
         } else {
             self.repeated.sequence_factor(prior.pose)
         };
-        self.minimise(distances, points, prior, start.tilt, start.error)
+        self.minimise(distances, points, prior, start)
     }
 
     fn minimise(
@@ -227,13 +235,13 @@ impl Matcher {
         distances: &DistanceField,
         points: &[LinePoint],
         prior: PosePrior,
-        [a, b]: [f32; 2],
-        start_error: f32,
+        start: MatchStart,
     ) -> Match {
         self.prepare(points, prior);
-        let Pose { x, y, theta, .. } = prior.pose;
+        let Pose { x, y, theta, .. } = start.pose.unwrap_or(prior.pose);
+        let [a, b] = start.tilt;
         let mut state = Vector5::from([x, y, theta, a, b]);
-        let kernel_factor = self.kernel_start_factor(start_error);
+        let kernel_factor = self.kernel_start_factor(start.error);
         let steps = match self.config.minimiser {
             Minimiser::GaussNewton => self.gauss_newton(distances, &mut state, kernel_factor),
             Minimiser::Rprop => self.rprop(distances, &mut state, kernel_factor),

@@ -71,12 +71,17 @@ impl Repetition {
 
     /// The same for one of many images of a drive: images close together repeat their errors.
     pub fn sequence_factor(self, from: Pose, to: Pose) -> f32 {
-        let distance = math::hypot(to.x - from.x, to.y - from.y) / DISTANCE
-            + wrap_angle(to.theta - from.theta).abs() / TURN;
         // Noise with the correlation ρ between images averages like white noise of (1 + ρ)/(1 − ρ) times its variance.
-        let correlation = math::exp(-distance);
+        let correlation = Repetition::correlation(from, to);
         let images = ((1.0 + correlation) / (1.0 - correlation).max(1e-3)).min(IMAGES_MAX);
         1.0 + self.share * (self.cluster * images - 1.0)
+    }
+
+    /// Correlation of the repeated errors of two images.
+    pub fn correlation(from: Pose, to: Pose) -> f32 {
+        let distance = math::hypot(to.x - from.x, to.y - from.y) / DISTANCE
+            + wrap_angle(to.theta - from.theta).abs() / TURN;
+        math::exp(-distance)
     }
 
     /// Variance of the repeated part of an image's mean error over that of independent errors.

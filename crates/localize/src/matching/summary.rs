@@ -1,7 +1,5 @@
 //! Covariance and quality of a match (docs/methods.md 5.6, 5.7, 5.9).
 
-use nalgebra::Matrix3;
-
 use super::normal_equations::NormalEquations;
 use super::{Match, Matcher, Matrix5, PARAMETERS, Vector5};
 use crate::frames::Pose;
@@ -9,9 +7,6 @@ use crate::frames::Pose;
 /// Variance of a matched pose over that of independent residuals: a point is compared with the nearest marking, which is
 /// not always its own, so that residuals understate errors (measured on synthetic drives, docs/methods.md 5.6).
 const NEAREST_MARKING_SCALE: f32 = 1.1;
-
-/// Repeated variance, relative to that of independent points, from which it is reported.
-const REPEATED_MIN: f32 = 0.02;
 
 impl Matcher {
     /// Covariance and quality at the last state of a minimisation.
@@ -34,7 +29,7 @@ impl Matcher {
             Matrix5::from_diagonal(&information.map(|value| 1.0 / value))
         });
         let pose_tilt = (pose_tilt + pose_tilt.transpose()) * 0.5;
-        let repeated_covariance = self.repeated_covariance(&sums.normal, scale);
+        let repetition = self.repeated.repetition();
         let deviation = self.prior_residual(state);
         let kernel_squared = self.config.kernel_scale_sigmas * self.config.kernel_scale_sigmas;
         Match {
@@ -43,8 +38,8 @@ impl Matcher {
             mahalanobis_squared: deviation.dot(&(self.prior.information * deviation)),
             tilt: [state[3], state[4]],
             pose_tilt_covariance: pose_tilt,
-            repetition_ratio: self.repetition / self.repeated.repetition().image_factor(),
-            repeated_covariance,
+            repetition_ratio: self.repetition / repetition.image_factor(),
+            repeated_factor: repetition.floor_factor() * scale / variance_scale,
             determined_parameters: PARAMETERS as f32 - (pose_tilt * self.prior.information).trace(),
             observed_scale,
             variance_scale,
@@ -56,20 +51,5 @@ impl Matcher {
             cost: 0.5 * kernel_squared * (self.points.len() as f32 - sums.score),
             steps,
         }
-    }
-
-    /// Covariance of (x, y, θ) by the errors that repeat. None of it is known where the points say nothing.
-    fn repeated_covariance(&self, normal: &Matrix5, scale: f32) -> Matrix3<f32> {
-        let factor = self.repeated.repetition().floor_factor();
-        if factor < REPEATED_MIN {
-            return Matrix3::zeros();
-        }
-        let information = normal / (scale * factor) + self.uninformative_prior();
-        information
-            .try_inverse()
-            .map_or_else(Matrix3::zeros, |covariance| {
-                let pose = covariance.fixed_view::<3, 3>(0, 0);
-                (pose + pose.transpose()) * 0.5
-            })
     }
 }

@@ -11,7 +11,7 @@ const RADII: usize = 14;
 /// The first and last radius, shares of the mirror's.
 const RADIUS_RANGE: [f32; 2] = [0.14, 0.9];
 /// Images over which a sample's mean and variance are remembered.
-const MEMORY: f32 = 60.0;
+const MEMORY: f32 = 240.0;
 /// Images of a moving robot before the memory is trusted.
 const IMAGES_MIN: u32 = 60;
 /// Standard deviation of a sample that does not move, at most, brightness levels.
