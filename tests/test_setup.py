@@ -201,6 +201,20 @@ def test_images_that_are_older_than_their_stamps_are_named(demo_drive: Path, tmp
     assert stated["warnings"] == []
 
 
+@pytest.mark.parametrize("length", [17.6, 18.5])
+def test_mount_that_may_be_learned_does_not_hide_a_field_of_another_length(
+    demo_drive: Path, length: float, tmp_path: Path
+) -> None:
+    folder = copy_of(demo_drive, tmp_path / "drive")
+    field = folder / "field.toml"
+    text, count = re.subn(r"(?m)^length = 18\.0$", f"length = {length}", field.read_text())
+    assert count == 1
+    field.write_text(text)
+    found, _ = run("doctor", "--recording", folder)
+    named = re.search(r"length = ([\d.]+)", "\n".join(found["warnings"]))
+    assert named is not None and abs(float(named[1]) - 18.0) < 0.06, found["warnings"]
+
+
 @pytest.mark.parametrize("late", [0.05, 0.1, 0.2])
 def test_wheels_whose_stamps_are_late_are_named(demo_drive: Path, late: float, tmp_path: Path) -> None:
     folder = copy_with_later_stamps(demo_drive, "odometry.csv", late, tmp_path / "drive")

@@ -83,8 +83,9 @@ const SIZE_RANGE: (f32, f32) = (0.5, 2.0);
 const POINTS_FINE: f32 = 0.93;
 /// Share of wheel steps or compass readings above which they agree.
 pub(super) const SENSORS_FINE: f32 = 0.9;
-/// A smaller change of a field's size is no mistake: shares of the size.
-const SIZE_MIN: f32 = 0.02;
+/// A smaller change of a field's size is no mistake: share of the size, and metres for a large one.
+const SIZE_SHARE_MIN: f32 = 0.02;
+const SIZE_MIN: f32 = 0.1;
 /// Agreement of the wheels below which their unit is tried.
 const SCALES_TRIED_BELOW: f32 = 0.5;
 /// Factors of the wheels' path: centimetres, millimetres, and the opposite confusions.
@@ -385,7 +386,8 @@ impl Trial<'_> {
             let sizes = (-2..=2).map(|k| best + step * k as f32);
             (best, _) = cheapest(sizes.collect())?;
         }
-        ((best - start).abs() > SIZE_MIN * start).then(|| change((best * 100.0).round() / 100.0))
+        ((best - start).abs() > SIZE_MIN.min(SIZE_SHARE_MIN * start))
+            .then(|| change((best * 100.0).round() / 100.0))
     }
 }
 
@@ -445,8 +447,8 @@ fn shipped_fields(variant: &SetupVariant) -> Vec<Change> {
 }
 
 fn is_same_size(a: &FieldConfig, b: &FieldConfig) -> bool {
-    (a.length - b.length).abs() < SIZE_MIN * b.length
-        && (a.width - b.width).abs() < SIZE_MIN * b.width
+    (a.length - b.length).abs() < SIZE_SHARE_MIN * b.length
+        && (a.width - b.width).abs() < SIZE_SHARE_MIN * b.width
 }
 
 /// The path below the repository, if it is there.

@@ -160,6 +160,9 @@ fn check_tables(
         return given;
     };
     let (mut report, with_mount) = check_points(setup, config, &by_mount, tables, effort);
+    if field_is_better_than_mount(&assessment, &with_mount) {
+        return given;
+    }
     if let Some(figures) = &mut report.figures {
         figures.mount_learned = true;
     }
@@ -179,6 +182,16 @@ fn check_tables(
 
 /// A smaller difference of two shares of points on markings is none.
 const EQUAL_SHARE: f32 = 0.01;
+
+/// Does another field explain clearly more points `given` by the map than the mount does? A mount within what is expected absorbs
+/// a part of a field that is a few decimetres too short.
+fn field_is_better_than_mount(given: &Assessment, with_mount: &Assessment) -> bool {
+    let by_mount = with_mount.configured.on_markings();
+    given.edits().any(|found| {
+        matches!(found.change, Change::Sizes { .. } | Change::Field(..))
+            && found.explanation.on_markings() > by_mount + EQUAL_SHARE
+    })
+}
 
 /// Another centre of the mirror's image that explains the points `given` by the map as well as the mount does, which is learned all the
 /// same.
