@@ -42,7 +42,7 @@ pub mod score;
 
 pub mod run;
 
-#[cfg(any(test, feature = "testing"))]
+// Not behind a feature: a build and its tests share one pipeline and one app.
 pub mod testing;
 
 pub use config::PipelineConfig;

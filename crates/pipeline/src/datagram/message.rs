@@ -13,8 +13,7 @@ use crate::log::schema::convert;
 pub const VERSION: u32 = 1;
 
 /// State of the robot at one image.
-#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
 pub struct State {
     /// [`VERSION`].
     #[prost(uint32)]
@@ -62,8 +61,7 @@ pub struct State {
 }
 
 /// A ball above the ground, field frame unless named otherwise.
-#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
 pub struct AirborneBall {
     /// Probability that it is in the air. Of the team's ball: 1 if it flies or is held, 0 if it is on the ground.
     #[prost(float)]
@@ -92,8 +90,7 @@ pub struct AirborneBall {
 }
 
 /// A pose on the field, metres and radians.
-#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
 pub struct Pose {
     /// Metres.
     #[prost(float)]
@@ -113,8 +110,7 @@ pub struct Pose {
 }
 
 /// A position on the field, metres, with its velocity, m/s.
-#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
 pub struct ObjectState {
     /// Metres.
     #[prost(float)]
@@ -134,8 +130,7 @@ pub struct ObjectState {
 }
 
 /// An object in the robot frame and in the field frame.
-#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
 pub struct ObjectReport {
     /// Number of the track.
     #[prost(uint32)]
@@ -158,8 +153,7 @@ pub struct ObjectReport {
 }
 
 /// Health of vision and localization.
-#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
 pub struct Health {
     /// tracking, global or lost, with its reason.
     #[prost(string)]
@@ -194,9 +188,8 @@ pub struct Health {
 }
 
 /// A command to drive, to kick, or both.
-#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct Command {
     /// [`VERSION`].
     #[prost(uint32)]
@@ -238,9 +231,8 @@ pub struct Command {
 }
 
 /// A velocity in the robot frame.
-#[derive(Clone, Copy, PartialEq, prost::Message, Serialize, Deserialize)]
+#[derive(Clone, Copy, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
 #[serde(deny_unknown_fields, default)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct Drive {
     /// Forward, m/s.
     #[prost(float)]
@@ -254,9 +246,8 @@ pub struct Drive {
 }
 
 /// A kick.
-#[derive(Clone, Copy, PartialEq, prost::Message, Serialize, Deserialize)]
+#[derive(Clone, Copy, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
 #[serde(deny_unknown_fields, default)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct Kick {
     /// Speed of the ball, m/s.
     #[prost(float)]
@@ -267,8 +258,7 @@ pub struct Kick {
 }
 
 /// A message to the team.
-#[derive(Clone, PartialEq, prost::Message)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+#[derive(Clone, PartialEq, prost::Message, foxglove::Encode)]
 pub struct TeamMessage {
     /// [`VERSION`].
     #[prost(uint32)]
@@ -316,8 +306,7 @@ pub struct TeamMessage {
 }
 
 /// The direction of the ball's centre from the sender's mirror, field frame.
-#[derive(Clone, PartialEq, prost::Message)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+#[derive(Clone, PartialEq, prost::Message, foxglove::Encode)]
 pub struct BallRay {
     /// Radians counter-clockwise from the field's x axis.
     #[prost(float)]
@@ -337,8 +326,7 @@ pub struct BallRay {
 }
 
 /// Reception of another robot's message.
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+#[derive(Clone, Copy, PartialEq, prost::Message, foxglove::Encode)]
 pub struct Echo {
     /// Number of the robot that sent it.
     #[prost(uint32)]
