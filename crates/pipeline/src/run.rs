@@ -221,7 +221,7 @@ impl SingleRobotRun {
             mut recorder,
         } = self;
         let mut statistics = RunStatistics::new(&setup);
-        let mut keyframes = KeyframeCollector::new(&setup);
+        let mut keyframes = KeyframeCollector::new(&setup, &config.localize.filter);
         simulation.run(&mut pipeline, |cycle| {
             let cycle = Arc::new(cycle);
             statistics.add_cycle(&cycle, score::cycle_error(&cycle));

@@ -79,7 +79,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms simulated");
     let started = Instant::now();
     let mut play = RunTrace::new(&setup);
-    let mut keyframes = KeyframeCollector::new(&setup);
+    let mut keyframes = KeyframeCollector::new(&setup, &config.localize.filter);
     let mut pipeline = Pipeline::new(&setup, &config)?;
     simulation.run(&mut pipeline, |cycle| {
         let cycle = Arc::new(cycle);

@@ -209,7 +209,7 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
         eprintln!("{notice}");
     }
     let bar = crate::progress::bar(0, "cycles");
-    let mut keyframes = KeyframeCollector::new(setup);
+    let mut keyframes = KeyframeCollector::new(setup, &config.localize.filter);
     let mut invalid_settings = None;
     let report = log::verify(log, |sample| {
         if let Sample::Settings(change) = sample {

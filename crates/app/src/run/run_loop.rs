@@ -195,7 +195,7 @@ impl RunLoop {
         let wake_probe = WakeProbe::start()?;
         status.print_line(&start_message(&self.robot.hardware, self.teleop));
         let exposure = ExposureControl::start(&devices, self.robot.setup.robot.exposure);
-        let mut state = RunState::new(&self.robot.setup);
+        let mut state = RunState::new(&self.robot.setup, &self.config);
         while !stop.is_raised() && status.elapsed() < self.duration {
             if let Some(event) = events.pop_timeout(EVENT_TIMEOUT) {
                 self.handle_event(event, &mut state, &mut status);
@@ -570,7 +570,7 @@ struct RunState {
 }
 
 impl RunState {
-    fn new(setup: &Setup) -> Self {
+    fn new(setup: &Setup, config: &PipelineConfig) -> Self {
         RunState {
             last_cycle: None,
             camera_command: None,
@@ -579,7 +579,7 @@ impl RunState {
             clock_offset_ns: hw::realtime_offset_ns(),
             next_clock_note: hw::now() + CLOCK_NOTE_PERIOD,
             samples_refused: 0,
-            setup_watch: SetupWatch::new(setup),
+            setup_watch: SetupWatch::new(setup, config),
             dropped: Vec::new(),
         }
     }

@@ -55,9 +55,9 @@ pub(super) struct SetupVerdict {
 }
 
 impl SetupWatch {
-    pub(super) fn new(setup: &Setup) -> Self {
+    pub(super) fn new(setup: &Setup, config: &PipelineConfig) -> Self {
         SetupWatch {
-            keyframes: KeyframeCollector::new(setup),
+            keyframes: KeyframeCollector::new(setup, &config.localize.filter),
             checker: None,
             is_checking: false,
             next: None,
@@ -249,7 +249,7 @@ mod tests {
 
     #[test]
     fn poses_are_marked_after_two_doubts_in_a_row_and_unmarked_by_a_right_check() {
-        let mut watch = SetupWatch::new(&setup());
+        let mut watch = SetupWatch::new(&setup(), &PipelineConfig::default());
         assert!(watch.judge(&doubt()).is_none());
         assert!(watch.judge(&SetupReport::default()).is_none());
         assert!(watch.judge(&doubt()).is_none());
@@ -263,7 +263,7 @@ mod tests {
 
     #[test]
     fn right_set_ups_are_checked_less_and_less_often() {
-        let mut watch = SetupWatch::new(&setup());
+        let mut watch = SetupWatch::new(&setup(), &PipelineConfig::default());
         for _ in 0..9 {
             watch.judge(&SetupReport::default());
         }
@@ -274,7 +274,7 @@ mod tests {
 
     #[test]
     fn doubts_without_a_covariance_are_reported_once_and_useless_sensors_are_dropped() {
-        let mut watch = SetupWatch::new(&setup());
+        let mut watch = SetupWatch::new(&setup(), &PipelineConfig::default());
         let mut wheels = SetupReport {
             warnings: vec!["the wheels disagree".to_owned()],
             ..SetupReport::default()
@@ -308,7 +308,7 @@ mod tests {
             map_fit: DriveFit::find(&basis, map, &[], &distances, &config.matching).map(Box::new),
             ..SetupReport::default()
         };
-        let mut watch = SetupWatch::new(&setup);
+        let mut watch = SetupWatch::new(&setup, &PipelineConfig::default());
         let verdict = watch.judge(&told()).expect("a mount");
         assert!(verdict.map_fit.is_some() && verdict.text == MOUNT_KNOWN);
         assert_eq!(verdict.covariance, Matrix3::zeros());
@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn poses_are_unmarked_when_only_doubts_without_a_covariance_remain() {
-        let mut watch = SetupWatch::new(&setup());
+        let mut watch = SetupWatch::new(&setup(), &PipelineConfig::default());
         watch.judge(&doubt());
         assert!(
             watch

@@ -9,14 +9,16 @@ use crate::estimate::{Estimate, Reason};
 use crate::global_search::branch_and_bound::{CertifiedHypotheses, HeadingPrior, Hypothesis};
 use crate::global_search::{GlobalSearchMethod, SearchInput};
 use crate::math;
-use crate::sample::{GoalObservation, LinePoint};
+use crate::sample::{Compass, GoalObservation, LinePoint};
 use crate::stamp::Stamp;
 
 impl Localizer {
-    /// Heading prior from the last compass reading. None if the reading is too old for this image.
-    pub(super) fn heading_prior(&self, stamp: Stamp) -> Option<HeadingPrior> {
-        let compass = self.last_compass?;
-        let age = compass.stamp.seconds_until(stamp).abs();
+    /// Heading prior from the compass reading next to the exposure of an image. None if it is too old or too young.
+    pub(super) fn heading_prior(&self, exposed: Stamp) -> Option<HeadingPrior> {
+        let age = |reading: &Compass| reading.stamp.seconds_until(exposed).abs();
+        let readings = self.compass_readings.iter();
+        let compass = readings.min_by(|a, b| age(a).total_cmp(&age(b)))?;
+        let age = age(compass);
         (age <= self.config.compass.age_max).then(|| HeadingPrior {
             heading: compass.heading,
             std: self.config.compass.std_deg.to_radians(),

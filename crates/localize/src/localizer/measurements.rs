@@ -5,7 +5,7 @@
 
 use super::motion_inputs::{MotionInputs, MotionMeasurement};
 use super::stuck_compass::StuckCompass;
-use super::{BUFFERED_MAX, LastOdometry, Localizer, Snapshot};
+use super::{BUFFERED_MAX, COMPASS_READINGS_MAX, LastOdometry, Localizer, Snapshot};
 use crate::filter::{PoseFilter, PredictionInput};
 use crate::omni::Twist;
 use crate::sample::{Compass, GoalObservation, Imu, Odometry, VelocityCommand};
@@ -96,14 +96,21 @@ impl Localizer {
     /// global search its heading prior.
     pub fn add_compass(&mut self, sample: &Compass) {
         if self.stuck_compass.hangs_at(sample) {
-            self.last_compass = None;
+            self.compass_readings.clear();
             return;
         }
         let Some(heading) = self.config.compass.heading(sample) else {
             return;
         };
         let compass = Compass { heading, ..*sample };
-        self.last_compass = Some(compass);
+        let kept = f64::from(self.latency()) + self.config.compass.age_max;
+        let is_old = |reading: &Compass| reading.stamp.seconds_until(compass.stamp) > kept;
+        while self.compass_readings.len() >= COMPASS_READINGS_MAX
+            || self.compass_readings.front().is_some_and(is_old)
+        {
+            self.compass_readings.pop_front();
+        }
+        self.compass_readings.push_back(compass);
         self.receive(MotionMeasurement::Compass(compass));
     }
 
@@ -167,18 +174,21 @@ impl Localizer {
 
     /// Keeps the state after an image, for a next image that is older than samples received meanwhile.
     pub(super) fn take_snapshot(&mut self) {
-        self.buffered.clear();
         match self.state.filter().map(PoseFilter::twist) {
             Some(twist) => self.own_motion.add(self.filter_stamp, twist),
             None => self.own_motion.clear(),
         }
-        self.snapshot = self.has_pose_hypotheses().then(|| {
-            Box::new(Snapshot {
-                filter_stamp: self.filter_stamp,
-                motion_inputs: self.motion_inputs.clone(),
-                state: self.state.clone(),
-            })
-        });
+        self.keep_snapshot();
+    }
+
+    /// Keeps the state, from which the next image restarts.
+    pub(super) fn keep_snapshot(&mut self) {
+        self.buffered.clear();
+        self.snapshot = Some(Box::new(Snapshot {
+            filter_stamp: self.filter_stamp,
+            motion_inputs: self.motion_inputs.clone(),
+            state: self.state.clone(),
+        }));
     }
 
     /// For an image that is older than samples already received: restores the snapshot and replays the samples up to
@@ -286,10 +296,19 @@ impl Localizer {
     /// Keeps a sample for a late image.
     fn buffer(&mut self, measurement: MotionMeasurement) {
         if self.buffered.len() >= BUFFERED_MAX {
-            self.buffered.clear();
-            self.snapshot = None;
+            self.advance_snapshot();
         }
         self.buffered.push(measurement);
+    }
+
+    /// Without images the samples are those of the last half of the buffer.
+    fn advance_snapshot(&mut self) {
+        let middle = self.buffered[self.buffered.len() / 2].stamp();
+        let later = self.rewind_to(middle);
+        self.keep_snapshot();
+        for measurement in later {
+            self.receive(measurement);
+        }
     }
 
     /// Updates all filters by a sample at the time to which they are predicted.
@@ -327,11 +346,12 @@ impl Localizer {
             self.out_of_order_count = 0;
             self.lose_pose();
             self.last_odometry = None;
-            self.last_compass = None;
+            self.compass_readings.clear();
             self.stuck_compass = StuckCompass::default();
             self.motion_inputs = MotionInputs::default();
             self.filter_stamp = Stamp(i64::MIN);
             self.particles_stamp = Stamp(i64::MIN);
+            self.keep_snapshot();
         }
     }
 }

@@ -29,6 +29,7 @@ mod tilt_spread;
 mod track;
 mod transitions;
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
@@ -113,7 +114,8 @@ pub struct Localizer {
     /// Time to which all filters of `state` are predicted.
     filter_stamp: Stamp,
     motion_inputs: MotionInputs,
-    /// State after the last image. An image older than newer samples restarts from it.
+    /// State after the last image, or at the start. An image older than newer samples restarts from it. None only while an image
+    /// is processed.
     snapshot: Option<Box<Snapshot>>,
     /// Samples since the snapshot.
     buffered: Vec<MotionMeasurement>,
@@ -125,7 +127,8 @@ pub struct Localizer {
     /// No gap in the odometry since the last image.
     odometry_continuous: bool,
     out_of_order_count: u32,
-    last_compass: Option<Compass>,
+    /// The last readings of the compass: an image is as old as the latency.
+    compass_readings: VecDeque<Compass>,
     stuck_compass: StuckCompass,
     /// Goals in the image of this stamp.
     pending_goals: Option<(Stamp, Vec<GoalObservation>)>,
@@ -173,6 +176,8 @@ struct LastOdometry {
 
 /// Most samples buffered for a late image: one second of wheels, inertial unit and commands at 1 kHz each.
 const BUFFERED_MAX: usize = 3000;
+/// Most readings of the compass kept: a second and a half at 200 Hz.
+const COMPASS_READINGS_MAX: usize = 300;
 
 impl Localizer {
     /// Builds the field's tables in parallel. The pose is unknown at first.
@@ -235,7 +240,7 @@ impl Localizer {
             particles_stamp: Stamp(i64::MIN),
             last_odometry: None,
             odometry_continuous: false,
-            last_compass: None,
+            compass_readings: VecDeque::new(),
             stuck_compass: StuckCompass::default(),
             coloured_goals: ColouredGoals::new(field),
             pending_goals: None,
@@ -248,6 +253,7 @@ impl Localizer {
             config,
         };
         localizer.set_map_basis(None);
+        localizer.keep_snapshot();
         localizer
     }
 
@@ -313,6 +319,7 @@ impl Localizer {
         self.filter_stamp = stamp;
         self.particles_stamp = stamp;
         self.odometry_continuous = true;
+        self.keep_snapshot();
     }
 
     /// Estimates the pose from an image's line points. Points that are not finite are dropped.
@@ -332,8 +339,12 @@ impl Localizer {
         }
         let later = self.rewind_to(exposed);
         if self.has_pose_hypotheses() && self.filter_stamp.seconds_until(exposed) < 0.0 {
-            self.count_out_of_order();
-            if self.out_of_order_count > 0 {
+            // An image that was exposed before the pose was told is no sign of another clock.
+            let is_out_of_order = self.filter_stamp.seconds_until(stamp) < 0.0;
+            if is_out_of_order {
+                self.count_out_of_order();
+            }
+            if !is_out_of_order || self.out_of_order_count > 0 {
                 let reason = Some(Reason::OutOfOrder);
                 return self.estimate(stamp, reason, MatchFigures::default(), Vec::new());
             }

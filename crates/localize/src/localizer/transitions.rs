@@ -24,8 +24,9 @@ impl Localizer {
         self.state = State::Lost;
         self.global_check = None;
         self.global_search.reset();
-        self.snapshot = None;
-        self.buffered.clear();
+        if let Some(snapshot) = &mut self.snapshot {
+            snapshot.state = State::Lost;
+        }
     }
 
     /// Lost or Ambiguous → Ambiguous while there are hypotheses. The global search continues.

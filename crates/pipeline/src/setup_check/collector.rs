@@ -1,7 +1,9 @@
 //! Which cycles of a run become keyframes? Evenly spaced ones, few and small enough to keep for hours.
 
+use localize::Stamp;
+use localize::filter::FilterConfig;
 use localize::math;
-use localize::sample::Odometry;
+use localize::sample::{Compass, Imu, Odometry};
 use localize::setup_check::METRES_PER_RADIAN;
 
 use super::inertial_motion::InertialCollector;
@@ -13,6 +15,8 @@ use crate::setup::Setup;
 
 /// Largest turn of joined rows of odometry, radians. Their motions then differ in direction by half of it at most.
 const JOINED_TURN_MAX: f32 = 0.05;
+/// What was measured this long after an exposure, or less, waits for the next one, seconds: longer than a latency may be.
+const LATER_MAX: f64 = 2.0;
 
 /// Collects keyframes from the cycles of a run. When there are too many, every second one is dropped.
 #[derive(Debug, Clone)]
@@ -25,16 +29,20 @@ pub struct KeyframeCollector {
     progress: f32,
     /// Odometry since the last keyframe; None after a gap.
     odometry: Option<Vec<[f32; 3]>>,
-    last_odometry: Option<localize::Stamp>,
+    last_odometry: Option<Stamp>,
     /// Rows of the odometry from which the velocity at an image follows.
     recent: Vec<Odometry>,
-    last_cycle: Option<localize::Stamp>,
+    last_cycle: Option<Stamp>,
     inertial: InertialCollector,
+    /// Age of an image at its stamp, seconds.
+    latency: f64,
+    /// Wheels, compass and inertial unit since the exposure of the last image, in the order of their stamps.
+    later: Vec<Sample>,
 }
 
 impl KeyframeCollector {
     /// Collects nothing yet.
-    pub fn new(setup: &Setup) -> Self {
+    pub fn new(setup: &Setup, filter: &FilterConfig) -> Self {
         KeyframeCollector {
             keyframes: Vec::new(),
             spacing: SPACING_MIN,
@@ -45,35 +53,36 @@ impl KeyframeCollector {
             recent: Vec::new(),
             last_cycle: None,
             inertial: InertialCollector::new(setup),
+            latency: setup.camera_latency(filter).into(),
+            later: Vec::new(),
         }
     }
 
     /// Adds a cycle.
     pub fn add_cycle(&mut self, cycle: &Cycle) {
-        for row in &cycle.inputs.odometry {
-            let gap = self
-                .last_odometry
-                .is_some_and(|last| row.stamp - last > measurements::ODOMETRY_GAP_MAX);
-            if gap {
-                self.odometry = None;
-            }
-            self.last_odometry = Some(row.stamp);
-            self.recent.push(*row);
-            let step = math::hypot(row.dx, row.dy) + METRES_PER_RADIAN * row.dtheta.abs().min(0.5);
-            self.progress += step;
-            self.path += step;
-            if let Some(rows) = &mut self.odometry {
-                add_motion(rows, [row.dx, row.dy, row.dtheta]);
-            }
-        }
-        for sample in cycle.inputs.sorted_samples() {
+        let exposure = cycle.stamp + -self.latency;
+        self.recent.extend_from_slice(&cycle.inputs.odometry);
+        let mut samples = std::mem::take(&mut self.later);
+        samples.extend(cycle.inputs.sorted_samples());
+        let mut compass = None;
+        // Stamps of another clock may be years ahead.
+        let is_later = |stamp: Stamp| stamp > exposure && stamp - exposure < LATER_MAX;
+        for sample in samples {
             match sample {
-                Sample::Odometry(odometry) => self.inertial.add_odometry(&odometry),
+                Sample::Odometry(Odometry { stamp, .. })
+                | Sample::Imu(Imu { stamp, .. })
+                | Sample::Compass(Compass { stamp, .. })
+                    if is_later(stamp) =>
+                {
+                    self.later.push(sample);
+                }
+                Sample::Odometry(row) => self.add_odometry(&row),
                 Sample::Imu(imu) => self.inertial.add_imu(&imu),
+                Sample::Compass(reading) => compass = Some(reading.heading),
                 _ => {}
             }
         }
-        let unused = measurements::rows_before_velocity(&self.recent, cycle.stamp);
+        let unused = measurements::rows_before_velocity(&self.recent, exposure);
         self.recent.drain(..unused);
         let seconds = self
             .last_cycle
@@ -82,7 +91,7 @@ impl KeyframeCollector {
         self.progress += METRES_PER_SECOND * seconds.clamp(0.0, 4.0);
         let connected = self
             .last_odometry
-            .is_some_and(|last| (cycle.stamp - last).abs() <= measurements::ODOMETRY_GAP_MAX);
+            .is_some_and(|last| (exposure - last).abs() <= measurements::ODOMETRY_GAP_MAX);
         if !connected {
             self.odometry = None;
         }
@@ -102,8 +111,8 @@ impl KeyframeCollector {
                     .collect()
             }),
             odometry: self.odometry.take(),
-            compass: cycle.inputs.compass.last().map(|reading| reading.heading),
-            velocity: measurements::velocity_at(&self.recent, cycle.stamp),
+            compass,
+            velocity: measurements::velocity_at(&self.recent, exposure),
             inertial: self.inertial.take_motion(),
         });
         self.odometry = Some(Vec::new());
@@ -112,6 +121,23 @@ impl KeyframeCollector {
             self.keyframes = measurements::thin_out(&self.keyframes, 2);
             self.spacing *= 2.0;
         }
+    }
+
+    fn add_odometry(&mut self, row: &Odometry) {
+        let gap = self
+            .last_odometry
+            .is_some_and(|last| row.stamp - last > measurements::ODOMETRY_GAP_MAX);
+        if gap {
+            self.odometry = None;
+        }
+        self.last_odometry = Some(row.stamp);
+        let step = math::hypot(row.dx, row.dy) + METRES_PER_RADIAN * row.dtheta.abs().min(0.5);
+        self.progress += step;
+        self.path += step;
+        if let Some(rows) = &mut self.odometry {
+            add_motion(rows, [row.dx, row.dy, row.dtheta]);
+        }
+        self.inertial.add_odometry(row);
     }
 
     /// Motion by the wheels, metres, where a radian counts as half a metre. 0 without odometry.

@@ -1,7 +1,7 @@
 //! What is wrong although no edit is known? Points off the markings, sensors that do not agree.
 
-use localize::math;
 use localize::setup_check::Explanation;
+use localize::{Stamp, math};
 use nalgebra::Matrix3;
 
 use super::assess::{Assessment, FIRM_MIN};
@@ -103,6 +103,27 @@ impl SetupReport {
         self.add_covariance(Matrix3::from_diagonal(
             &pose_error.component_mul(pose_error),
         ));
+    }
+
+    /// Adds that the clock of images or wheels leapt: from an image on, images are `age` seconds older than their stamps say. What that
+    /// does to the poses is unknown before the leap is mended.
+    pub(super) fn doubt_clock(&mut self, age: f64, from: Stamp, setup: &Setup) {
+        let late = age.abs();
+        let edit = if age > 0.0 {
+            format!(
+                "frames.csv: subtract {late:.2} from stamp_s of the rows after the leap, or odometry.csv: add it there"
+            )
+        } else {
+            format!(
+                "odometry.csv: subtract {late:.2} from stamp_s of the rows after the leap, or frames.csv: add it there"
+            )
+        };
+        self.doubt(format!(
+            "a clock leaps by {late:.2} s shortly before {:.3} s: from there on the wheels explain the images only at stamps {late:.2} s {}. {edit}",
+            from.seconds(),
+            if age > 0.0 { "earlier" } else { "later" },
+        ));
+        self.add_covariance(unknown_pose_covariance(setup));
     }
 
     /// Adds that some poses contradict the wheels where many points lie off the markings, if no edit is known: other places of the

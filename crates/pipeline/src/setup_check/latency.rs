@@ -10,7 +10,7 @@ use localize::wheel_steps::{STEP_STD, spread, weight};
 
 /// Fewer steps tell no latency.
 const STEPS_MIN: usize = 12;
-/// Standard deviation of the age before anything is known, seconds, and of the scales of right wheels.
+/// Standard deviation of the age beyond the configured one before anything is known, seconds, and of the scales of right wheels.
 const AGE_STD: f32 = 0.3;
 const SCALE_STD: f32 = 0.05;
 /// Passes of the reweighted fit.
@@ -36,9 +36,10 @@ pub(super) struct OtherLatency {
 /// One step between keyframes: derivatives of its error (x, y, θ), and the error.
 type StepError = ([Vector4<f32>; 3], Vector3<f32>);
 
-/// The latency that the steps show, if it differs from the configured one. `wheels`: the matrix of their motion.
+/// The latency that the steps show, if it differs from the configured one, by which the wheels' steps end at exposures.
+/// `wheels`: the matrix of their motion.
 ///
-/// An image of age τ shows the pose T(t − τ) = T(t) exp(−τ v), so a step of poses is exp(τ v₀) W exp(−τ v₁), where W is that
+/// An image that is τ older shows the pose T(t − τ) = T(t) exp(−τ v), so a step of poses is exp(τ v₀) W exp(−τ v₁), where W is that
 /// of the wheels. Wheels that slip when the robot accelerates do the same to its path: the turns must show the age, too.
 pub(super) fn other_latency(
     measured: &[MeasuredKeyframe],
@@ -62,29 +63,45 @@ pub(super) fn other_latency(
     if steps.len() < STEPS_MIN {
         return None;
     }
-    let (age, std) = fit_age(&steps, &[0, 1, 2])?;
-    let (age_of_turns, std_of_turns) = fit_age(&steps, &[2])?;
-    let excess = age - configured;
+    let (excess, std) = fit_age(&steps, &[0, 1, 2])?;
+    let (excess_of_turns, std_of_turns) = fit_age(&steps, &[2])?;
     let differs = |excess: f32, std: f32| excess.abs() > AGE_SIGMAS * std;
-    let turns_agree = differs(age_of_turns - configured, std_of_turns)
-        && (age_of_turns - age).abs() < 0.5 * excess.abs();
+    let turns_agree = differs(excess_of_turns, std_of_turns)
+        && (excess_of_turns - excess).abs() < 0.5 * excess.abs();
     if excess.abs() < AGE_MIN || !differs(excess, std) || !turns_agree {
         return None;
     }
-    let mut squares = Vector3::zeros();
-    let velocities: Vec<Vector3<f32>> = measured.iter().filter_map(velocity).collect();
-    for velocity in &velocities {
-        squares += velocity.component_mul(velocity) / velocities.len() as f32;
-    }
-    let speed = (0.5 * (squares.x + squares.y)).sqrt();
-    Some(OtherLatency {
-        age,
+    Some(OtherLatency::new(
+        configured + excess,
         configured,
-        pose_error: Vector3::new(speed, speed, squares.z.sqrt()) * excess.abs(),
-    })
+        measured,
+        wheels,
+    ))
 }
 
-/// Age of the images and its standard deviation, seconds, fitted to some components of the steps with scales of the wheels.
+impl OtherLatency {
+    /// `wheels`: the matrix of their motion.
+    pub(super) fn new(
+        age: f32,
+        configured: f32,
+        measured: &[MeasuredKeyframe],
+        wheels: &Matrix3<f32>,
+    ) -> Self {
+        let velocities = measured.iter().filter_map(|keyframe| keyframe.velocity);
+        let squares: Vec<Vector3<f32>> = velocities
+            .map(|velocity| (wheels * Vector3::from(velocity)).map(|v| v * v))
+            .collect();
+        let mean = squares.iter().sum::<Vector3<f32>>() / squares.len().max(1) as f32;
+        let speed = (0.5 * (mean.x + mean.y)).sqrt();
+        OtherLatency {
+            age,
+            configured,
+            pose_error: Vector3::new(speed, speed, mean.z.sqrt()) * (age - configured).abs(),
+        }
+    }
+}
+
+/// Age of the images beyond the configured one and its standard deviation, seconds, fitted to some components of the steps with scales of the wheels.
 fn fit_age(steps: &[StepError], components: &[usize]) -> Option<(f32, f32)> {
     let std_of = [STEP_STD.0, STEP_STD.0, STEP_STD.1];
     let prior = Vector4::new(AGE_STD, SCALE_STD, SCALE_STD, SCALE_STD).map(|std| 1.0 / (std * std));
@@ -140,8 +157,8 @@ mod tests {
 
     use super::*;
 
-    /// A drive whose velocity changes all the time; the images are `age` seconds old, the wheels slip by `slip` of each
-    /// change of their speed.
+    /// A drive whose velocity changes all the time; the images are `age` seconds older than configured, the wheels slip by
+    /// `slip` of each change of their speed.
     fn drive(age: f32, slip: f32, turns: f32) -> (Vec<MeasuredKeyframe>, Explanation) {
         const STEP: f32 = 0.002;
         let velocity = |t: f32| {
@@ -189,7 +206,7 @@ mod tests {
     }
 
     fn found(age: f32, slip: f32, turns: f32, configured: f32) -> Option<OtherLatency> {
-        let (measured, explanation) = drive(age, slip, turns);
+        let (measured, explanation) = drive(age - configured, slip, turns);
         other_latency(&measured, &explanation, &Matrix3::identity(), configured)
     }
 

@@ -67,6 +67,8 @@ struct TimelineEntry {
 /// What was measured in a recording.
 pub(super) struct Measured {
     pub(super) keyframes: Vec<MeasuredKeyframe>,
+    /// Which samples of the recording their images are.
+    images: Vec<usize>,
     /// None if not every image was checked.
     pub(super) image_faults: Option<ImageFaults>,
 }
@@ -79,7 +81,8 @@ pub(super) fn measure(
     config: &PipelineConfig,
     effort: Effort,
 ) -> Result<Measured> {
-    let mut entries = timeline(recording, setup);
+    let latency = setup.camera_latency(&config.localize.filter);
+    let mut entries = timeline(recording, setup, latency.into());
     let images: Vec<usize> = entries.iter().map(|entry| entry.index).collect();
     let find_faults = |images: &[usize]| find_image_faults(recording, setup, config, images);
     let (entries, faults, image_faults) = match effort {
@@ -111,26 +114,20 @@ pub(super) fn measure(
         vision.set_colour_table(colours.clone());
     }
     let mut last: Option<Stamp> = None;
-    let mut keyframes = Vec::new();
+    let (mut keyframes, mut used) = (Vec::new(), Vec::new());
     for entry in entries {
-        let mut keyframe = MeasuredKeyframe {
-            stamp: entry.stamp,
-            odometry: entry.odometry,
-            compass: entry.compass,
-            velocity: entry.velocity,
-            inertial: entry.inertial,
-            ..MeasuredKeyframe::default()
-        };
-        match &recording.remaining_samples()[entry.index].data {
+        let (index, stamp) = (entry.index, entry.stamp);
+        let mut keyframe = MeasuredKeyframe::without_points(entry);
+        match &recording.remaining_samples()[index].data {
             RecordedData::Points(points) => keyframe.points.clone_from(points),
-            RecordedData::Image(path) if !faults.contains_key(&entry.index) => {
+            RecordedData::Image(path) if !faults.contains_key(&index) => {
                 let (Some(vision), Ok(image)) = (&mut vision, Image::load(path)) else {
                     continue;
                 };
-                if last.is_some_and(|last| (entry.stamp - last).abs() > 1.0) {
+                if last.is_some_and(|last| (stamp - last).abs() > 1.0) {
                     vision.reset_colour_model();
                 }
-                last = Some(entry.stamp);
+                last = Some(stamp);
                 // An image that cannot be used has no line points.
                 if let Ok(detections) = vision.process_lines(&image.view()) {
                     let found = &detections.line_points;
@@ -141,11 +138,46 @@ pub(super) fn measure(
             _ => {}
         }
         keyframes.push(keyframe);
+        used.push(index);
     }
     Ok(Measured {
         keyframes,
+        images: used,
         image_faults,
     })
+}
+
+impl MeasuredKeyframe {
+    fn without_points(entry: TimelineEntry) -> Self {
+        MeasuredKeyframe {
+            stamp: entry.stamp,
+            odometry: entry.odometry,
+            compass: entry.compass,
+            velocity: entry.velocity,
+            inertial: entry.inertial,
+            ..MeasuredKeyframe::default()
+        }
+    }
+}
+
+impl Measured {
+    /// The keyframes with what wheels, compass and inertial unit measured if the images are of another age at their stamps, seconds.
+    pub(super) fn at_latency(
+        &self,
+        recording: &Recording,
+        setup: &Setup,
+        latency: f64,
+    ) -> Vec<MeasuredKeyframe> {
+        let entries = timeline(recording, setup, latency);
+        let chosen = |entry: &TimelineEntry| self.images.binary_search(&entry.index).is_ok();
+        let entries = join(entries, chosen).into_iter().zip(&self.keyframes);
+        let keyframes = entries.map(|(entry, keyframe)| MeasuredKeyframe {
+            points: keyframe.points.clone(),
+            pixels: keyframe.pixels.clone(),
+            ..MeasuredKeyframe::without_points(entry)
+        });
+        keyframes.collect()
+    }
 }
 
 /// The keyframes' images, each behind the image before it: only these tell a frozen camera. `images`: indices of all.
@@ -159,7 +191,8 @@ fn with_predecessors(keyframes: &[TimelineEntry], images: &[usize]) -> Vec<usize
     wanted
 }
 
-fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
+/// `latency`: age of an image at its stamp, seconds. Wheels and compass belong to its exposure.
+fn timeline(recording: &Recording, setup: &Setup, latency: f64) -> Vec<TimelineEntry> {
     let mut inertial = InertialCollector::new(setup);
     let mut entries: Vec<TimelineEntry> = Vec::new();
     let mut rows: Vec<[f32; 3]> = Vec::new();
@@ -174,7 +207,8 @@ fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
             _ => {}
         }
     }
-    for (index, event) in recording.remaining_samples().iter().enumerate() {
+    for (measured, index) in by_time(recording, latency) {
+        let event = &recording.remaining_samples()[index];
         match &event.data {
             RecordedData::Odometry(odometry) => {
                 connected &=
@@ -184,8 +218,7 @@ fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
                 inertial.add_odometry(odometry);
             }
             RecordedData::Image(_) | RecordedData::Points(_) => {
-                connected &=
-                    last_odometry.is_some_and(|last| event.stamp - last <= ODOMETRY_GAP_MAX);
+                connected &= last_odometry.is_some_and(|last| measured - last <= ODOMETRY_GAP_MAX);
                 let seconds = entries
                     .last()
                     .map_or(0.0, |last| (event.stamp - last.stamp) as f32);
@@ -199,8 +232,8 @@ fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
                     index,
                     stamp: event.stamp,
                     odometry: connected.then(|| rows.clone()),
-                    compass: nearest_reading(&compass, event.stamp),
-                    velocity: velocity_at(&motion, event.stamp),
+                    compass: nearest_reading(&compass, measured),
+                    velocity: velocity_at(&motion, measured),
                     inertial: inertial.take_motion(),
                     progress: moved + METRES_PER_SECOND * seconds.clamp(0.0, 4.0),
                     usable: true,
@@ -213,6 +246,20 @@ fn timeline(recording: &Recording, setup: &Setup) -> Vec<TimelineEntry> {
         }
     }
     entries
+}
+
+/// When each sample was measured, and its index, in the order of these times: an image when it was exposed.
+fn by_time(recording: &Recording, latency: f64) -> Vec<(Stamp, usize)> {
+    let samples = recording.remaining_samples().iter();
+    let mut order: Vec<(Stamp, usize)> = samples
+        .enumerate()
+        .map(|(index, sample)| match sample.data {
+            RecordedData::Image(_) | RecordedData::Points(_) => (sample.stamp + -latency, index),
+            _ => (sample.stamp, index),
+        })
+        .collect();
+    order.sort_by_key(|(measured, _)| *measured);
+    order
 }
 
 /// Velocity of the wheels about a time, from rows in the order of their stamps, of which later ones may be missing.
@@ -264,36 +311,49 @@ fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
         .map(|entry| wheel_path(entry.odometry.as_deref()))
         .sum();
     let connected = path > WHEEL_PATH_MIN;
-    let mut selected: Vec<TimelineEntry> = Vec::new();
-    let mut skipped: Option<Vec<[f32; 3]>> = Some(Vec::new());
-    let mut skipped_inertial: Option<InertialMotion> = None;
-    let mut progress = f32::INFINITY;
-    let mut position = 0;
-    for mut entry in entries {
+    let (mut progress, mut position, mut count) = (f32::INFINITY, 0, 0);
+    join(entries, |entry| {
         progress += entry.progress;
-        skipped = skipped.zip(entry.odometry.take()).map(|(mut all, rows)| {
-            all.extend(rows);
-            all
-        });
-        add_motion(&mut skipped_inertial, entry.inertial.take());
+        if !entry.usable {
+            return false;
+        }
         let due = if connected {
             progress >= spacing
         } else {
             position % stride == 0
         };
-        if !entry.usable {
-            continue;
-        }
         position += 1;
-        if due && selected.len() < KEYFRAMES_MAX {
-            entry.odometry = skipped.take().filter(|_| !selected.is_empty());
+        let chosen = due && count < KEYFRAMES_MAX;
+        if chosen {
+            progress = 0.0;
+            count += 1;
+        }
+        chosen
+    })
+}
+
+/// The chosen entries, each with what was measured since the one before.
+fn join(
+    entries: Vec<TimelineEntry>,
+    mut choose: impl FnMut(&TimelineEntry) -> bool,
+) -> Vec<TimelineEntry> {
+    let mut chosen: Vec<TimelineEntry> = Vec::new();
+    let mut skipped: Option<Vec<[f32; 3]>> = Some(Vec::new());
+    let mut skipped_inertial: Option<InertialMotion> = None;
+    for mut entry in entries {
+        skipped = skipped.zip(entry.odometry.take()).map(|(mut all, rows)| {
+            all.extend(rows);
+            all
+        });
+        add_motion(&mut skipped_inertial, entry.inertial.take());
+        if choose(&entry) {
+            entry.odometry = skipped.take().filter(|_| !chosen.is_empty());
             entry.inertial = skipped_inertial.take();
             skipped = Some(Vec::new());
-            progress = 0.0;
-            selected.push(entry);
+            chosen.push(entry);
         }
     }
-    selected
+    chosen
 }
 
 /// Adds what an inertial unit measured to what it measured before.

@@ -18,6 +18,7 @@ mod effort;
 mod expected_mount;
 mod field_size;
 mod field_sizes;
+mod image_age;
 mod image_scan;
 mod inertial;
 mod inertial_motion;
@@ -54,11 +55,12 @@ use crate::log::{LogReader, UnpackedSetup};
 use crate::pose_leaps::PoseLeaps;
 use crate::recording::{Recording, Table};
 use crate::setup::Setup;
-use assess::{Assessment, Improvement, assess, compass_agreement_in_degrees};
+use assess::{Assessment, Improvement, Trial, assess, compass_agreement_in_degrees};
 use change::Change;
 use compass_faults::CompassFault;
 use dead_sensors::FIT_FINE;
 use field_size::{Axis, FieldSize};
+use image_age::ImageAge;
 use latency::OtherLatency;
 use origin_offset::OriginOffset;
 use variant::SetupVariant;
@@ -84,8 +86,45 @@ pub fn check_recording(
         .ranges
         .iter()
         .any(|found| found.table == Table::Images);
-    let mut report = check_tables(setup, config, &measured.keyframes, &tables, effort)
-        .with_image_faults(measured.image_faults);
+    let age = (!is_other_clock)
+        .then(|| find_image_age(recording, setup, config, &measured.keyframes))
+        .flatten();
+    let latency = setup.camera_latency(&config.localize.filter);
+    let check =
+        |keyframes: &[MeasuredKeyframe]| check_tables(setup, config, keyframes, &tables, effort);
+    let mut report = match age {
+        None => check(&measured.keyframes),
+        Some(ImageAge {
+            seconds,
+            from: None,
+        }) => {
+            let age = latency + seconds as f32;
+            let keyframes = measured.at_latency(recording, setup, age.into());
+            let mut report = check(&keyframes);
+            let wheels = SetupVariant::configured(setup).wheels(setup);
+            report.doubt_latency(&OtherLatency::new(age, latency, &keyframes, &wheels));
+            report
+        }
+        Some(ImageAge {
+            seconds,
+            from: Some(first),
+        }) => {
+            let (before, after) = measured.keyframes.split_at(first);
+            let mut report = check(before);
+            let has_pixels = measured
+                .keyframes
+                .iter()
+                .any(|keyframe| !keyframe.pixels.is_empty());
+            let images = if has_pixels {
+                "frames.csv"
+            } else {
+                "points.csv"
+            };
+            report.doubt_clock(seconds, after[0].stamp, images, setup);
+            report
+        }
+    }
+    .with_image_faults(measured.image_faults);
     if !is_other_clock {
         let gaps = odometry_coverage::find_gaps(recording);
         gaps.found.into_iter().for_each(|gap| report.doubt(gap));
@@ -101,7 +140,7 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
     let log = LogReader::open(path)?;
     let unpacked = UnpackedSetup::load(log.header())?;
     let config = unpacked.config()?;
-    let mut keyframes = KeyframeCollector::new(&unpacked.setup);
+    let mut keyframes = KeyframeCollector::new(&unpacked.setup, &config.localize.filter);
     let mut faults = ImageFaults::default();
     let mut leaps = PoseLeaps::new(unpacked.setup.robot.odometry);
     for logged in log {
@@ -309,6 +348,21 @@ fn check_points(
         ranges.retain(|finding| finding.table != Table::Odometry);
     }
     (report.with_ranges(&ranges), assessment)
+}
+
+/// An age of the images tenths of a second from the configured one, which looks like many another mistake.
+fn find_image_age(
+    recording: &Recording,
+    setup: &Setup,
+    config: &PipelineConfig,
+    measured: &[MeasuredKeyframe],
+) -> Option<ImageAge> {
+    let trial = Trial::new(setup, &config.localize, measured);
+    let variant = SetupVariant::configured(setup);
+    let explanation = trial.explain(&variant, measured)?;
+    let latency = setup.camera_latency(&config.localize.filter);
+    let wheels = variant.wheels(setup);
+    image_age::find(recording, measured, &explanation, &wheels, latency.into())
 }
 
 /// A latency that differs from the configured one. A delay passes for a camera turned by degrees, which delays no turn of the robot. Any
