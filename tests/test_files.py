@@ -17,6 +17,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from mirrorball.log import Log, LogError
 from mirrorball.output_file import replacing
 
 ROOT = Path(__file__).parent.parent
@@ -66,6 +67,41 @@ def write_log(path: Path, files: dict[str, bytes], messages: list[tuple[str, byt
         for number, (topic, data) in enumerate(messages):
             writer.add_message(channels[topic], number, data, number)
         writer.finish()
+
+
+def write_without_chunks(source: Path, path: Path) -> None:
+    """All records of a log, its messages one by one."""
+    with source.open("rb") as file, path.open("wb") as out:
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        assert summary is not None
+        writer = Writer(out, use_chunking=False)
+        writer.start(profile="mirrorball")
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, dict(metadata.metadata))
+        for each in reader.iter_attachments():
+            writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
+        schemas = {
+            number: writer.register_schema(schema.name, schema.encoding, schema.data)
+            for number, schema in summary.schemas.items()
+        }
+        channels = {
+            number: writer.register_channel(each.topic, each.message_encoding, schemas.get(each.schema_id, 0))
+            for number, each in summary.channels.items()
+        }
+        for _, channel, message in reader.iter_messages():
+            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence)
+        writer.finish()
+
+
+def test_log_without_chunks_is_named_and_recovered(game: Path, tmp_path: Path) -> None:
+    log, copy = tmp_path / "single.mcap", tmp_path / "copy.mcap"
+    write_without_chunks(game, log)
+    with pytest.raises(LogError, match=r"not in chunks.*recover"):
+        Log(log)
+    assert run("recover", log, "--out", copy).returncode == 0
+    counts = [Log(path).message_counts["/cycle"] for path in (game, copy)]
+    assert counts[0] == counts[1] > 0
 
 
 @pytest.fixture(scope="module")

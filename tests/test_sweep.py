@@ -125,6 +125,21 @@ def test_interrupted_simulation_leaves_a_complete_log(tmp_path: Path) -> None:
     assert Log(tmp_path / "game.mcap").complete
 
 
+def test_simulation_that_is_broken_off_leaves_an_earlier_log(tmp_path: Path) -> None:
+    log = tmp_path / "drive.mcap"
+    mirrorball.simulate(SCENARIO, duration_s=1.0, record=log)
+    before = log.read_bytes()
+
+    def stop(seconds: float) -> None:
+        if seconds > 0.5:
+            raise RuntimeError("stop")
+
+    with pytest.raises(RuntimeError, match="stop"):
+        mirrorball.simulate(SCENARIO, duration_s=2.0, record=log, progress=stop)
+    assert log.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [log]
+
+
 def test_invalid_runs_raise_errors_with_their_reasons(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="speeed"):
         mirrorball.simulate(bundle_run(SCENARIO, change={"path.speeed": 1.0}))

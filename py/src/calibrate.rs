@@ -16,6 +16,7 @@ use crate::detections::{ColourTable, ImageArgument, line_width, parse_vision_con
 use crate::errors;
 use crate::ground_map::GroundMap;
 use crate::scene::Field;
+use crate::threads::detached;
 
 /// One image of a calibration: its number in the list, points, residual in pixels, and why it was left out, if it was.
 type Residual = (usize, usize, f64, Option<String>);
@@ -85,8 +86,7 @@ pub(crate) fn calibrate_strip(
             image: image.image,
         })
         .collect();
-    let found = py
-        .detach(|| strip(camera, &target, &images))
+    let found = detached(py, || strip(camera, &target, &images))
         .map_err(|error| errors::calibration(&error))?;
     let map = GroundMap::of(py, found.map)?;
     Ok((map, found.rms_px, residuals(found.images)))
@@ -108,9 +108,10 @@ pub(crate) fn calibrate_lines(
     let start = GroundMap::from_argument("start", start)?;
     let config = parse_vision_config(settings)?;
     let images = drive(images)?;
-    let found = py
-        .detach(|| lines(camera, &start, field, &[], &images, &config, &|_| ()))
-        .map_err(|error| errors::calibration(&error))?;
+    let found = detached(py, || {
+        lines(camera, &start, field, &[], &images, &config, &|_| ())
+    })
+    .map_err(|error| errors::calibration(&error))?;
     let map = GroundMap::of(py, found.map)?;
     Ok((map, found.rms, found.inlier_share, residuals(found.images)))
 }
@@ -126,9 +127,8 @@ pub(crate) fn calibrate_mask<'py>(
     let camera = &Camera::from_argument(camera)?.0;
     let images = drive(images)?.into_iter();
     let images: Vec<_> = images.map(|image| image.image).collect();
-    let found = py
-        .detach(|| mask(camera, &images))
-        .map_err(|error| errors::calibration(&error))?;
+    let found =
+        detached(py, || mask(camera, &images)).map_err(|error| errors::calibration(&error))?;
     found
         .into_pyarray(py)
         .reshape([camera.height_px, camera.width_px])
@@ -152,8 +152,7 @@ pub(crate) fn calibrate_sizes<'py>(
     let line_width = line_width(line_width_m)?;
     let config = parse_vision_config(settings)?;
     let images = drive(images)?;
-    let found = py
-        .detach(|| sizes(&camera, &map, line_width, &images, &config))
+    let found = detached(py, || sizes(&camera, &map, line_width, &images, &config))
         .map_err(|error| errors::calibration(&error))?;
     let rows = &found.rows;
     let column = |value: &dyn Fn(&vision::calibrate::SizeBin) -> Option<f32>| {
@@ -192,15 +191,13 @@ pub(crate) fn learn_colours(
     let kind = kind(over)?;
     let config = parse_vision_config(settings)?;
     let images = drive(images)?;
-    let (table, images) = py
-        .detach(|| {
-            let mut vision = vision::Vision::new(&map, &camera, line_width, config.clone())
-                .map_err(|error| errors::vision(&error))?;
-            let learned =
-                colours(&mut vision, &images).map_err(|error| errors::calibration(&error))?;
-            Ok((learned.table(kind, &config), learned.images))
-        })
-        .map_err(|error: PyErr| error)?;
+    let (table, images) = detached(py, || {
+        let mut vision = vision::Vision::new(&map, &camera, line_width, config.clone())
+            .map_err(|error| errors::vision(&error))?;
+        let learned = colours(&mut vision, &images).map_err(|error| errors::calibration(&error))?;
+        Ok((learned.table(kind, &config), learned.images))
+    })
+    .map_err(|error: PyErr| error)?;
     Ok((ColourTable(table), residuals(images)))
 }
 
@@ -216,7 +213,7 @@ pub(crate) fn colours_from_labels(
     let kind = kind(over)?;
     let labels: Vec<Label> =
         vision::colour::colour_table::load_labels(&path).map_err(|error| errors::vision(&error))?;
-    let table = py.detach(|| Table::learn(&labels, kind));
+    let table = detached(py, || Table::learn(&labels, kind));
     table
         .map(ColourTable)
         .ok_or_else(|| PyValueError::new_err(format!("{}: has no label", path.display())))

@@ -16,6 +16,7 @@ use crate::arguments;
 use crate::camera::camera_or_from_map;
 use crate::errors;
 use crate::ground_map::GroundMap;
+use crate::threads::detached;
 
 /// An image as OpenCV reads it: rows × columns (grey) or rows × columns × 3 (blue, green, red), bytes.
 ///
@@ -154,11 +155,10 @@ impl Vision {
         let line_width = line_width(line_width_m)?;
         let config = parse_vision_config(settings)?;
         let mask = mask.map(|mask| self::mask(mask, &map)).transpose()?;
-        let vision = py
-            .detach(|| {
-                vision::Vision::with_mask(&map, &camera, mask.as_deref(), line_width, config)
-            })
-            .map_err(|error| errors::vision(&error))?;
+        let vision = detached(py, || {
+            vision::Vision::with_mask(&map, &camera, mask.as_deref(), line_width, config)
+        })
+        .map_err(|error| errors::vision(&error))?;
         Ok(Vision {
             scan_pixels: vision.scan_pattern().pixel_count,
             scan_coverage: vision.scan_pattern().coverage,
@@ -190,9 +190,8 @@ impl Vision {
         let mut this = arguments::exclusive(slf)?;
         let image = ImageArgument::new("image", image, Some(this.size_px))?;
         let (view, vision) = (image.view(), &mut this.vision);
-        let detections = py
-            .detach(|| vision.process(&view))
-            .map_err(|error| errors::vision(&error))?;
+        let detections =
+            detached(py, || vision.process(&view)).map_err(|error| errors::vision(&error))?;
         detection_columns(py, &detections)
     }
 }
@@ -427,7 +426,7 @@ impl ColourTable {
         image: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<u8>>> {
         let image = ImageArgument::new("image", image, None)?.to_rgb_image();
-        let classes: Vec<u8> = py.detach(|| {
+        let classes: Vec<u8> = detached(py, || {
             let pixels = image.rgb.chunks_exact(3);
             pixels
                 .map(|rgb| self.0.class(rgb_to_yuv([rgb[0], rgb[1], rgb[2]])).0)

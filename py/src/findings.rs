@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 
 use crate::arguments;
 use crate::log::log_error;
+use crate::threads::detached;
 
 /// Kind, severity, start, stop and worst stamp (s), size, causes and sentence of a finding.
 type FindingTuple = (
@@ -26,7 +27,7 @@ pub(crate) fn findings(
     path: &Bound<'_, PyAny>,
 ) -> PyResult<(usize, Vec<FindingTuple>)> {
     let path = arguments::path("path", path)?;
-    let read = py.detach(|| {
+    let read = detached(py, || {
         let index = LogIndex::open(&path)?;
         let check = || {
             Python::attach(|py| py.check_signals())?;

@@ -8,6 +8,7 @@ use pyo3::types::{PyDict, PyTuple};
 
 use crate::arguments::{self, Keywords};
 use crate::errors;
+use crate::threads::detached;
 
 /// Pixel → ground point in the robot frame, as calibration and tracing make it.
 #[pyclass(frozen, module = "mirrorball._core")]
@@ -65,9 +66,8 @@ impl GroundMap {
     #[staticmethod]
     fn load(py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<Self> {
         let path = arguments::path("path", path)?;
-        let map = py
-            .detach(|| vision::GroundMap::load(&path))
-            .map_err(|error| errors::map(&error))?;
+        let map =
+            detached(py, || vision::GroundMap::load(&path)).map_err(|error| errors::map(&error))?;
         GroundMap::of(py, map)
     }
 
@@ -97,8 +97,7 @@ impl GroundMap {
     fn save(&self, py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<()> {
         let path = arguments::path("path", path)?;
         let map = self.to_rust(py)?;
-        py.detach(|| map.save(&path))
-            .map_err(|error| errors::map(&error))
+        detached(py, || map.save(&path)).map_err(|error| errors::map(&error))
     }
 
     // NaN equals NaN: both see no ground.

@@ -18,12 +18,14 @@ mod scene;
 mod settings;
 mod simulation;
 mod simulation_object;
+mod threads;
 
 use pyo3::prelude::*;
 
 /// `mirrorball._core`.
 #[pymodule]
 pub fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    threads::remember_process();
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<profile::Profile>()?;
     module.add_class::<camera::Camera>()?;

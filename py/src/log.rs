@@ -15,6 +15,7 @@ use pyo3::types::{PyBytes, PyDict, PyList, PyString};
 
 use crate::arguments;
 use crate::errors;
+use crate::threads::detached;
 
 create_exception!(
     mirrorball._core,
@@ -39,7 +40,7 @@ impl LogReader {
     #[new]
     fn new(py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<Self> {
         let path = arguments::path("path", path)?;
-        let reader = py.detach(|| TopicReader::open(&path)).map_err(log_error)?;
+        let reader = detached(py, || TopicReader::open(&path)).map_err(log_error)?;
         Ok(LogReader {
             reader: Arc::new(reader),
         })
@@ -77,7 +78,7 @@ impl LogReader {
 
     /// The files that the run was made with.
     fn files<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let files = py.detach(|| self.reader.files()).map_err(log_error)?;
+        let files = detached(py, || self.reader.files()).map_err(log_error)?;
         let all = PyDict::new(py);
         for (name, content) in files {
             all.set_item(name, PyBytes::new(py, &content))?;
@@ -99,7 +100,7 @@ impl LogReader {
         let elements: Vec<String> =
             arguments::extract("elements", elements, "a list of names of elements")?;
         let range = time_range(start_s, stop_s)?;
-        let read = py.detach(|| {
+        let read = detached(py, || {
             let check = signal_check();
             self.reader.columns(topic, &elements, &range, check)
         });
@@ -119,7 +120,9 @@ impl LogReader {
         let topic = &self.topic(topic)?;
         let field = &arguments::text("field", field, "the name of a list")?;
         let range = time_range(start_s, stop_s)?;
-        let read = py.detach(|| self.reader.rows(topic, field, &range, signal_check()));
+        let read = detached(py, || {
+            self.reader.rows(topic, field, &range, signal_check())
+        });
         column_arrays(py, read.map_err(log_error)?)
     }
 
@@ -130,7 +133,7 @@ impl LogReader {
         topic: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, numpy::PyArray1<u64>>> {
         let topic = &self.topic(topic)?;
-        let times = py.detach(|| self.reader.log_times(topic));
+        let times = detached(py, || self.reader.log_times(topic));
         Ok(times.map_err(log_error)?.into_pyarray(py))
     }
 
@@ -207,7 +210,9 @@ impl ChunkWalk {
             py.check_signals()?;
             let chunk = self.next_chunk;
             self.next_chunk += 1;
-            let read = py.detach(|| self.reader.chunk_messages(chunk, &self.topics, &self.range));
+            let read = detached(py, || {
+                self.reader.chunk_messages(chunk, &self.topics, &self.range)
+            });
             self.pending = read.map_err(log_error)?.into();
         }
         Ok(self.pending.pop_front())
@@ -253,7 +258,9 @@ impl ImageIterator {
         let Some(message) = self.0.next(py)? else {
             return Ok(None);
         };
-        let image = py.detach(|| message.encoded_image().and_then(|image| image.decode()));
+        let image = detached(py, || {
+            message.encoded_image().and_then(|image| image.decode())
+        });
         let image = image.map_err(log_error)?;
         let shape = [image.height_px, image.width_px, 3];
         let pixels = image.rgb.into_pyarray(py).reshape(shape)?;

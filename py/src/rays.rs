@@ -10,6 +10,7 @@ use crate::camera::{Camera, Mount};
 use crate::errors;
 use crate::ground_map::GroundMap;
 use crate::profile::Profile;
+use crate::threads::detached;
 
 fn flat(rays: &[Option<Ray>]) -> (Vec<f32>, Vec<f32>) {
     let mut origins = Vec::with_capacity(3 * rays.len());
@@ -38,11 +39,10 @@ pub(crate) fn trace_rays<'py>(
     let mount = Mount::from_argument(mount)?;
     let camera = &Camera::from_argument(camera)?.0;
     let profile = &Profile::from_argument(profile)?.0;
-    let (origins, directions) = py
-        .detach(|| {
-            vision::optics::trace_rays(camera, profile, &mount).map(|table| flat(&table.rays))
-        })
-        .map_err(|error| errors::optics(&error))?;
+    let (origins, directions) = detached(py, || {
+        vision::optics::trace_rays(camera, profile, &mount).map(|table| flat(&table.rays))
+    })
+    .map_err(|error| errors::optics(&error))?;
     let shape = [camera.height_px, camera.width_px, 3];
     Ok((
         origins.into_pyarray(py).reshape(shape)?,
@@ -76,7 +76,7 @@ pub(crate) fn trace_points<'py>(
         )));
     }
     let tracer = Tracer::new(camera, profile, &mount).map_err(|error| errors::optics(&error))?;
-    let (origins, directions) = py.detach(|| {
+    let (origins, directions) = detached(py, || {
         let rays: Vec<_> = u_px
             .iter()
             .zip(&v_px)
@@ -103,10 +103,9 @@ pub(crate) fn ground_map<'py>(
     let mount = Mount::from_argument(mount)?;
     let camera = &Camera::from_argument(camera)?.0;
     let profile = &Profile::from_argument(profile)?.0;
-    let map = py
-        .detach(|| {
-            vision::optics::trace_rays(camera, profile, &mount).map(|table| table.ground_map())
-        })
-        .map_err(|error| errors::optics(&error))?;
+    let map = detached(py, || {
+        vision::optics::trace_rays(camera, profile, &mount).map(|table| table.ground_map())
+    })
+    .map_err(|error| errors::optics(&error))?;
     GroundMap::of(py, map)
 }

@@ -15,6 +15,7 @@ use crate::detections::ImageArgument;
 use crate::errors;
 use crate::scene::Field;
 use crate::settings::settings;
+use crate::threads::detached;
 
 /// A robot's pipeline: vision and localization in order. One thread at a time.
 #[pyclass(module = "mirrorball._core")]
@@ -33,8 +34,7 @@ impl Pipeline {
     ) -> PyResult<Self> {
         let config = settings(preset, config)?;
         let camera = setup.camera.as_ref();
-        let pipeline = py
-            .detach(|| pipeline::Pipeline::new(setup, &config))
+        let pipeline = detached(py, || pipeline::Pipeline::new(setup, &config))
             .map_err(|error| errors::from_anyhow(&error))?;
         Ok(Pipeline {
             pipeline,
@@ -64,7 +64,7 @@ impl Pipeline {
         let field = field.transpose()?;
         let setup = match (robot, field) {
             (Some(robot), field) => {
-                py.detach(|| Setup::load_on_field(&robot, field, map.as_deref()))
+                detached(py, || Setup::load_on_field(&robot, field, map.as_deref()))
             }
             (None, Some(field)) => Ok(Setup::without_camera(field)),
             (None, None) => {
@@ -191,7 +191,9 @@ impl Pipeline {
         };
         let image = ImageArgument::new("image", image, Some(size_px))?;
         let (view, pipeline) = (image.view(), &mut this.pipeline);
-        Ok(Cycle(py.detach(|| pipeline.process_pixels(stamp, &view))))
+        Ok(Cycle(detached(py, || {
+            pipeline.process_pixels(stamp, &view)
+        })))
     }
 
     /// Line points of another vision system: n × 2 (x, y) or n × 4 (and standard deviations, radial and tangential).
@@ -219,8 +221,8 @@ impl Pipeline {
         let points = values.chunks_exact(columns).map(line_point).collect();
         let mut this = arguments::exclusive(slf)?;
         let pipeline = &mut this.pipeline;
-        Ok(Cycle(
-            py.detach(|| pipeline.process_line_points(stamp, points)),
-        ))
+        Ok(Cycle(detached(py, || {
+            pipeline.process_line_points(stamp, points)
+        })))
     }
 }

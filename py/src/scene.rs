@@ -21,6 +21,7 @@ use crate::arguments::{self, single};
 use crate::camera::{Camera, Mount};
 use crate::errors;
 use crate::profile::Profile;
+use crate::threads::detached;
 
 /// The league's field of 18 × 12 m.
 const LEAGUE_FIELD: &str = include_str!("../../config/fields/msl_18x12.toml");
@@ -181,35 +182,38 @@ pub(crate) fn render<'py>(
         .collect();
     let ball_kind = BallConfig::default();
     let mut rgb = Vec::new();
-    py.detach(|| -> Result<(), vision::optics::ray_tracing::OpticsError> {
-        let mut renderer = Renderer::new(&RendererConfig {
-            camera,
-            profile,
-            mount,
-            body: &body,
-            field,
-            light: &LightConfig::default(),
-            environment: &EnvironmentConfig {
-                cables: 0,
-                ..EnvironmentConfig::default()
-            },
-            image_sensor: &image_sensor,
-            seed,
-        })?;
-        let scene = Scene {
-            pose: Pose::new(pose[0], pose[1], pose[2]),
-            robots: &others,
-            ball: ball.map(|[x, y]| SceneBall {
-                at: At::new(x, y),
-                height: 0.0,
-                diameter: ball_kind.diameter,
-                colour: ball_kind.colour,
-            }),
-            ..Scene::default()
-        };
-        renderer.render(&scene, &image_sensor, &mut rgb);
-        Ok(())
-    })
+    detached(
+        py,
+        || -> Result<(), vision::optics::ray_tracing::OpticsError> {
+            let mut renderer = Renderer::new(&RendererConfig {
+                camera,
+                profile,
+                mount,
+                body: &body,
+                field,
+                light: &LightConfig::default(),
+                environment: &EnvironmentConfig {
+                    cables: 0,
+                    ..EnvironmentConfig::default()
+                },
+                image_sensor: &image_sensor,
+                seed,
+            })?;
+            let scene = Scene {
+                pose: Pose::new(pose[0], pose[1], pose[2]),
+                robots: &others,
+                ball: ball.map(|[x, y]| SceneBall {
+                    at: At::new(x, y),
+                    height: 0.0,
+                    diameter: ball_kind.diameter,
+                    colour: ball_kind.colour,
+                }),
+                ..Scene::default()
+            };
+            renderer.render(&scene, &image_sensor, &mut rgb);
+            Ok(())
+        },
+    )
     .map_err(|error| errors::optics(&error))?;
     rgb.into_pyarray(py)
         .reshape([camera.height_px, camera.width_px, 3])

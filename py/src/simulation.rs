@@ -12,6 +12,7 @@ use pyo3::prelude::*;
 use crate::arguments;
 use crate::errors;
 use crate::settings::{overrides, settings};
+use crate::threads::detached;
 
 /// Ctrl-C and `progress` wait for at most this long.
 const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
@@ -61,8 +62,9 @@ pub(crate) fn simulate<'py>(
         record: record.map(|path| (path, log_config)),
     };
     let mut monitor = Monitor::new(progress);
-    let summary =
-        py.detach(|| ScenarioRun::load(options)?.run(|progress| Ok(monitor.poll(&progress))));
+    let summary = detached(py, || {
+        ScenarioRun::load(options)?.run(|progress| Ok(monitor.poll(&progress)))
+    });
     if let Some(error) = monitor.error {
         return Err(error);
     }

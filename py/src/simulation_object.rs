@@ -16,6 +16,7 @@ use crate::errors;
 use crate::robot_pipeline::Pipeline;
 use crate::settings::overrides;
 use crate::simulation::{duration, seed as seed_or_none};
+use crate::threads::detached;
 
 /// Places farther from the field's centre are mistakes, metres and radians.
 const FARTHEST: f64 = 1000.0;
@@ -44,7 +45,7 @@ impl Simulation {
         let images = arguments::flag("images", images)?;
         let (seed, duration_s) = (seed_or_none(seed)?, duration(duration_s)?);
         let changes = overrides("change", change)?;
-        let loaded = py.detach(|| {
+        let loaded = detached(py, || {
             pipeline::simulation::Simulation::with_overrides(&scenario, &changes, seed, duration_s)
         });
         let simulation = loaded.map_err(|error| errors::from_anyhow(&error))?;
@@ -71,7 +72,7 @@ impl Simulation {
     fn next_sample<'py>(slf: &Bound<'py, Self>, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mut this = arguments::exclusive(slf)?;
         let simulation = &mut this.0;
-        let sample = py.detach(|| simulation.next_sample());
+        let sample = detached(py, || simulation.next_sample());
         sample_tuple(py, sample)
     }
 
@@ -267,7 +268,7 @@ fn bgr_array<'py>(py: Python<'py>, image: &SourceImage) -> PyResult<Bound<'py, P
         .to_rgb()
         .ok_or_else(|| PyValueError::new_err("a truncated image"))?;
     let shape = [rgb.height_px, rgb.width_px, 3];
-    let bgr: Vec<u8> = py.detach(|| {
+    let bgr: Vec<u8> = detached(py, || {
         let pixels = rgb.rgb.chunks_exact(3);
         pixels.flat_map(|rgb| [rgb[2], rgb[1], rgb[0]]).collect()
     });

@@ -594,3 +594,35 @@ fn wheels_doubt_a_turned_camera_but_not_a_hard_hall_or_kidnaps() {
         assert!(turned || doubted == 0, "{doubted} images doubted");
     }
 }
+
+/// The pose of a robot that begins at a known place: before its wheels have said anything.
+#[test]
+fn pose_that_was_told_holds_for_the_image_of_that_time() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let config = SyntheticDriveConfig::default();
+    let pose = Pose::new(3.0, -2.0, 0.7);
+    let cases = [
+        (pose, false),
+        (half_turn(pose), false),
+        (half_turn(pose), true),
+    ];
+    for (told, wheels) in cases {
+        let mut localizer = localizer();
+        let covariance = nalgebra::Matrix3::identity() * 0.01;
+        localizer.set_pose(Stamp::from_seconds(1.0), told, &covariance);
+        // Wheels of the time before may be read after it.
+        let after = 0.02 * f64::from(u8::from(wheels));
+        for k in 0..10 * usize::from(wheels) {
+            localizer.add_odometry(&stationary_odometry(0.92 + 0.01 * k as f64));
+        }
+        let points = simulate_line_points(&field(), &config, told, &mut rng);
+        let estimate = localizer.process_points(Stamp::from_seconds(1.0 + after), &points);
+        let pose = estimate.pose.expect("a pose");
+        assert!(
+            estimate.half_known && estimate.mode == Mode::Tracking,
+            "{:?}",
+            estimate.mode
+        );
+        assert!(position_error(pose, told) < 0.1, "{pose:?}");
+    }
+}

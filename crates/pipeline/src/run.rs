@@ -17,7 +17,7 @@ use crate::config::PipelineConfig;
 use crate::corrected_map;
 use crate::cycle::Cycle;
 use crate::image_faults::ImageFaults;
-use crate::log::{LogConfig, Recorder, start_log};
+use crate::log::{LogConfig, LogStats, Recorder, start_log};
 use crate::misplaced_images::MisplacedImages;
 use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
 use crate::pipeline::Pipeline;
@@ -222,6 +222,7 @@ impl SingleRobotRun {
         } = self;
         let mut statistics = RunStatistics::new(&setup);
         let mut keyframes = KeyframeCollector::new(&setup, &config.localize.filter);
+        let mut finish: fn(Recorder) -> Result<LogStats> = Recorder::finish;
         simulation.run(&mut pipeline, |cycle| {
             let cycle = Arc::new(cycle);
             statistics.add_cycle(&cycle, score::cycle_error(&cycle));
@@ -233,9 +234,12 @@ impl SingleRobotRun {
             if let Some(recorder) = &mut recorder {
                 recorder.record_cycle(cycle)?;
             }
+            if flow.is_break() {
+                finish = Recorder::finish_broken_off;
+            }
             Ok(flow)
         })?;
-        recorder.map(Recorder::finish).transpose()?;
+        recorder.map(finish).transpose()?;
         Ok(SingleRobotOutcome {
             scores: RunScores::SingleRobot(statistics.summary()),
             setup,

@@ -90,6 +90,7 @@ mod tests {
                 log_odds: -third,
                 withheld: -0.25,
                 established: false,
+                compass_doubted: true,
             }),
             exposure: None,
             map: None,

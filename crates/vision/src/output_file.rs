@@ -33,6 +33,14 @@ impl PendingName {
         Ok((PendingName { path, part }, file))
     }
 
+    /// Gives an unfinished content its name unless an earlier file has it, which stays.
+    pub fn give_unless_taken(self) -> Result<()> {
+        if self.part.is_some() && self.path.exists() {
+            return Ok(());
+        }
+        self.give()
+    }
+
     /// Passes the content to the disk and gives it its name.
     pub fn give(mut self) -> Result<()> {
         let Some(part) = &self.part else {

@@ -13,7 +13,8 @@ use crate::stamp::Stamp;
 /// The errors of one compass are correlated: a stuck one, or one next to a motor, contradicts permanently. An established
 /// half is therefore only overturned by a compass that was observed to follow the robot's rotation, and either deviates by half a
 /// turn more than while it agreed, as after the robot was carried to its mirrored place, or contradicts for longer than it
-/// agreed: steel or a motor nearby turns it for some seconds.
+/// agreed: steel or a motor nearby turns it for some seconds. Whether the robot was carried or the compass was reset, no later reading
+/// tells: the half stays open until another source decides.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct HalfEvidence {
     /// Of the tracked half against the other one.
@@ -28,6 +29,9 @@ pub(super) struct HalfEvidence {
     /// Log odds of contradicting readings that do not count yet, at most 0. They leave the half unknown until the robot
     /// has turned far enough to tell a working compass from a stuck one.
     withheld: f32,
+    /// The compass agreed with the half and then overturned it: the robot was carried, or the compass was reset. Its readings no longer
+    /// tell which.
+    compass_doubted: bool,
 }
 
 /// What is known about the field half of a tracked pose: enough for another localizer to go on from.
@@ -41,6 +45,9 @@ pub struct HalfState {
     pub withheld: f32,
     /// The log odds have reached their maximum, or the half was given.
     pub established: bool,
+    /// The compass agreed with the half and then overturned it.
+    #[serde(default)]
+    pub compass_doubted: bool,
 }
 
 /// An established half counts as if the compass had agreed with it at least over this rotation, radians.
@@ -48,6 +55,9 @@ const ESTABLISHED_TURN: f32 = std::f32::consts::PI;
 
 /// Rotation beyond which more agreement adds nothing, radians: a robot that was carried to the other half is to be found.
 const AGREED_TURN_MAX: f32 = 4.0 * std::f32::consts::PI;
+
+/// Log odds that a doubted compass may give a half, as a share of those of a known one.
+const DOUBTED_SHARE: f32 = 0.5;
 
 /// Distance of a change of the deviation from half a turn up to which the robot's place may have changed, standard deviations of
 /// a reading.
@@ -108,8 +118,8 @@ impl HalfEvidence {
             withheld: state.withheld,
             established: state.established,
             agreed_turn: f32::from(u8::from(state.established)) * ESTABLISHED_TURN,
-            agreed_deviation: None,
-            compass_monitor: None,
+            compass_doubted: state.compass_doubted,
+            ..HalfEvidence::default()
         }
     }
 
@@ -119,6 +129,7 @@ impl HalfEvidence {
             log_odds: self.log_odds,
             withheld: self.withheld,
             established: self.established,
+            compass_doubted: self.compass_doubted,
         }
     }
 
@@ -142,7 +153,10 @@ impl HalfEvidence {
 
     /// The tracked pose was turned to the other half.
     pub(super) fn apply_half_turn(&mut self) {
-        *self = HalfEvidence::with_log_odds(-self.log_odds);
+        *self = HalfEvidence {
+            compass_doubted: self.compass_doubted || self.agreed_deviation.is_some(),
+            ..HalfEvidence::with_log_odds(-self.log_odds)
+        };
     }
 
     /// Adds log odds from another source than compass or goals. They do not establish the half.
@@ -196,7 +210,14 @@ impl HalfEvidence {
             // What was withheld counts with the reading that it agrees with.
             let withheld = std::mem::take(&mut self.withheld);
             let sum = self.log_odds + log_odds + if agrees { 0.0 } else { withheld };
-            self.log_odds = sum.clamp(-config.log_odds_max, config.log_odds_max);
+            // Of a compass that is doubted, agreement leaves the half as open as contradiction had made it.
+            let most = if self.compass_doubted {
+                self.log_odds
+                    .max(DOUBTED_SHARE * config.half_known_log_odds)
+            } else {
+                config.log_odds_max
+            };
+            self.log_odds = sum.clamp(-config.log_odds_max, most);
             if self.log_odds >= config.log_odds_max && !self.established {
                 self.established = true;
                 self.agreed_turn = self.agreed_turn.max(ESTABLISHED_TURN);
@@ -360,6 +381,29 @@ mod tests {
             heading + 0.2 + std::f32::consts::PI
         });
         assert!(half.log_odds() <= -9.0, "{}", half.log_odds());
+    }
+
+    #[test]
+    fn half_that_a_turned_compass_has_overturned_stays_open() {
+        let config = CompassConfig::default();
+        let mut half = HalfEvidence::default();
+        feed_compass(&mut half, 0.0, |heading, _| heading);
+        feed_compass(&mut half, 10.0, |heading, _| heading + std::f32::consts::PI);
+        half.apply_half_turn();
+        // The tracked heading is the turned one from now on.
+        for period in 2..6 {
+            feed_compass(&mut half, 10.0 * period as f32, |heading, _| heading);
+            assert!(half.log_odds() < config.half_known_log_odds, "{period}");
+        }
+        // Another source may decide: the goals.
+        (0..100).for_each(|_| half.update_goals(4.0, &config));
+        assert!(half.log_odds() >= config.half_known_log_odds);
+        // A half that was given wrongly is no reason to doubt a compass that never agreed with it.
+        let mut given = HalfEvidence::external(&config);
+        feed_compass(&mut given, 0.0, |heading, _| heading + std::f32::consts::PI);
+        given.apply_half_turn();
+        feed_compass(&mut given, 10.0, |heading, _| heading);
+        assert!(given.log_odds() >= config.half_known_log_odds);
     }
 
     #[test]

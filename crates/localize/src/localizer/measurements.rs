@@ -28,9 +28,11 @@ impl Localizer {
             });
             // The interval of a first sample is assumed to begin at the last image.
             let seconds = self.filter_stamp.seconds_until(sample.stamp);
+            // One that ends before the time of a pose that was told is no gap after it.
+            let is_before = self.has_pose_hypotheses() && seconds <= 0.0;
             self.odometry_continuous =
-                self.has_pose_hypotheses() && (0.0..=gap_max).contains(&seconds);
-            if self.odometry_continuous {
+                is_before || self.has_pose_hypotheses() && seconds <= gap_max;
+            if self.odometry_continuous && !is_before {
                 self.move_particles(sample.stamp, motion);
                 self.receive(MotionMeasurement::Wheels(*sample));
             } else {
@@ -219,10 +221,13 @@ impl Localizer {
     /// Does odometry or an inertial unit cover the time from the last image to this one without a gap?
     pub(super) fn odometry_covers(&self, stamp: Stamp) -> bool {
         let gap_max = self.config.mode.odometry_gap_max;
+        let elapsed = self.filter_stamp.seconds_until(stamp);
         self.odometry_continuous
             && self.has_pose_hypotheses()
-            && self.filter_stamp.seconds_until(stamp) <= gap_max
-            && (self.motion_inputs.imu_active(stamp, &self.config.attitude)
+            && elapsed <= gap_max
+            // A pose that was told for the time of this very image needs none.
+            && (elapsed == 0.0
+                || self.motion_inputs.imu_active(stamp, &self.config.attitude)
                 || self
                     .last_odometry
                     .is_some_and(|last| last.stamp.seconds_until(stamp) <= gap_max))

@@ -114,7 +114,10 @@ impl Localizer {
             } else {
                 Mode::Global
             },
-            reason: reason.or((!half_known).then_some(Reason::Ambiguous)),
+            // An open half is worse than an image that hardly fits.
+            reason: reason
+                .filter(|reason| half_known || *reason != Reason::PoorMatch)
+                .or((!half_known).then_some(Reason::Ambiguous)),
             half_known,
             figures,
             runners_up,
@@ -125,8 +128,12 @@ impl Localizer {
 
     /// Covariance of a pose that is not quite decided: with what is left of the probability, it is anywhere on the field.
     pub(super) fn or_any_place(&self, covariance: &Matrix3<f32>) -> Matrix3<f32> {
-        let share = self.config.mode.decision_probability;
-        covariance * share + self.uniform_covariance * (1.0 - share)
+        self.with_probability(self.config.mode.decision_probability, covariance)
+    }
+
+    /// Covariance of a pose that is right with some probability, else anywhere on the field.
+    pub(super) fn with_probability(&self, right: f32, covariance: &Matrix3<f32>) -> Matrix3<f32> {
+        covariance * right + self.uniform_covariance * (1.0 - right)
     }
 
     /// Estimate of the most probable candidate. `fold_half_turn`: the candidates stand for their half turns too.

@@ -55,6 +55,9 @@ impl TrackedMatch {
     }
 }
 
+/// Probability of a tracked place that no point of an image supports: such an image shows another place, or clutter alone.
+const UNSUPPORTED_PROBABILITY: f32 = 0.5;
+
 impl Localizer {
     /// Tracking or Suspect: updates the pose by an image.
     pub(super) fn track(
@@ -117,10 +120,11 @@ impl Localizer {
         }
         if agreement == Agreement::Contradicts || self.explains_nothing(&matched, points.len()) {
             let mut estimate = self.dead_reckon(stamp, track, suspicion, Reason::PoorMatch);
-            // So many points would show the place, were it this one: not all of them are clutter, as a rule.
+            // So many points would show the place, were it this one, unless all of them are clutter.
             if estimate.pose.is_some() && points.len() as f32 >= 2.0 * self.config.mode.inliers_min
             {
-                estimate.covariance = self.or_any_place(&estimate.covariance);
+                estimate.covariance =
+                    self.with_probability(UNSUPPORTED_PROBABILITY, &estimate.covariance);
             }
             return estimate;
         }

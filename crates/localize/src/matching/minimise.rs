@@ -14,9 +14,13 @@ impl Matcher {
         state: &Vector5,
         kernel_factor: f32,
     ) -> NormalEquations {
+        self.pass(state, kernel_factor)
+            .accumulate(&self.lanes, distances)
+    }
+
+    pub(super) fn pass(&self, state: &Vector5, kernel_factor: f32) -> Pass {
         let kernel_scale = self.config.kernel_scale_sigmas * kernel_factor;
         Pass::new(state, self.config.viewpoint_height, kernel_scale)
-            .accumulate(&self.lanes, distances)
     }
 
     /// Gauss-Newton; the kernel scale is halved with every step until it is that of the points.

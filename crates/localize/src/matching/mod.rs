@@ -252,7 +252,7 @@ impl Matcher {
             normal: sums.normal,
             gradient: sums.gradient,
         });
-        self.summarize(&sums, &state, steps)
+        self.summarize(&sums, distances, &state, steps)
     }
 
     /// The quality of a given pose and tilt (radians), without minimisation.
@@ -268,7 +268,7 @@ impl Matcher {
         self.prepare(points, PosePrior { pose, information });
         let state = Vector5::from([pose.x, pose.y, pose.theta, a, b]);
         let sums = self.accumulate(distances, &state, 1.0);
-        self.summarize(&sums, &state, 0)
+        self.summarize(&sums, distances, &state, 0)
     }
 
     fn prepare(&mut self, points: &[LinePoint], prior: PosePrior) {

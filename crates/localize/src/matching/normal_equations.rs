@@ -1,6 +1,8 @@
 //! One pass over the points at a pose: normal equations of the reweighted squares, and the sums for the quality
 //! (docs/methods.md 5.2 to 5.4).
 
+use nalgebra::{SMatrix, SVector};
+
 use super::distance_field::DistanceField;
 use super::parameters::{Matrix5, PARAMETERS, Vector5};
 use crate::{math, tilt};
@@ -116,12 +118,45 @@ impl Pass {
         }
         sums.total()
     }
+
+    /// The normal matrix alone, of products and sums in 64 bits. Points of one straight line determine nothing along it, and rounded
+    /// products leave as much as 10⁻⁷ of what they determine across it, of either sign.
+    pub(super) fn exact_normal(
+        &self,
+        points: &[PreparedLanes],
+        distances: &DistanceField,
+    ) -> SMatrix<f64, PARAMETERS, PARAMETERS> {
+        let mut normal = SMatrix::zeros();
+        for group in points {
+            let LaneRows {
+                rows,
+                distance,
+                information,
+            } = LaneRows::of(group, self, distances);
+            for k in 0..LANES {
+                let squared = distance[k] * distance[k] * information[k];
+                let kept = self.kernel_squared / (self.kernel_squared + squared);
+                let factor = f64::from(group.weight[k] * kept * kept * information[k]);
+                let row = SVector::<f64, PARAMETERS>::from_fn(|i, _| rows[i][k].into());
+                normal += row * row.transpose() * factor;
+            }
+        }
+        normal
+    }
 }
 
-impl LaneSums {
-    /// Adds a group of points. Each loop over `k` is a vector instruction or a few.
-    #[inline]
-    fn add(&mut self, points: &PreparedLanes, pass: &Pass, distances: &DistanceField) {
+/// Distances of a group of points to the nearest markings with their derivatives by the state.
+struct LaneRows {
+    rows: [Lanes; PARAMETERS],
+    distance: Lanes,
+    /// Inverse variance of the distance.
+    information: Lanes,
+}
+
+impl LaneRows {
+    /// Each loop over `k` is a vector instruction or a few.
+    #[inline(always)]
+    fn of(points: &PreparedLanes, pass: &Pass, distances: &DistanceField) -> Self {
         let [mut x, mut y, mut rx, mut ry] = [[0.0; LANES]; 4];
         let [mut field_x, mut field_y] = [[0.0; LANES]; 2];
         for k in 0..LANES {
@@ -135,7 +170,7 @@ impl LaneSums {
         let [distance, nx, ny] = distances.nearest_lanes(&field_x, &field_y);
         let inverse_height = 1.0 / pass.height;
         let mut rows = [[0.0; LANES]; PARAMETERS];
-        let mut factor = [0.0; LANES];
+        let mut information = [0.0; LANES];
         for k in 0..LANES {
             let radial = nx[k] * rx[k] + ny[k] * ry[k];
             let variance =
@@ -147,13 +182,33 @@ impl LaneSums {
             rows[2][k] = ny[k] * rx[k] - nx[k] * ry[k];
             rows[3][k] = x[k] * along;
             rows[4][k] = y[k] * along;
-            let information = 1.0 / variance;
-            let squared = distance[k] * distance[k] * information;
+            information[k] = 1.0 / variance;
+        }
+        LaneRows {
+            rows,
+            distance,
+            information,
+        }
+    }
+}
+
+impl LaneSums {
+    /// Adds a group of points.
+    #[inline]
+    fn add(&mut self, points: &PreparedLanes, pass: &Pass, distances: &DistanceField) {
+        let LaneRows {
+            rows,
+            distance,
+            information,
+        } = LaneRows::of(points, pass, distances);
+        let mut factor = [0.0; LANES];
+        for k in 0..LANES {
+            let squared = distance[k] * distance[k] * information[k];
             // e(t) with t in standard deviations: 1 − e = k²/(k² + t²).
             let kept = pass.kernel_squared / (pass.kernel_squared + squared);
             let weight = points.weight[k];
             let root_weight = weight * kept * kept;
-            factor[k] = root_weight * information;
+            factor[k] = root_weight * information[k];
             self.weight[k] += root_weight;
             self.psi_squared[k] += root_weight * root_weight * squared;
             self.psi_slope[k] += root_weight * (4.0 * kept - 3.0);

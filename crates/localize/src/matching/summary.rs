@@ -1,8 +1,13 @@
 //! Covariance and quality of a match (docs/methods.md 5.6, 5.7, 5.9).
 
+use nalgebra::SMatrix;
+
+use super::distance_field::DistanceField;
 use super::normal_equations::NormalEquations;
 use super::{Match, Matcher, Matrix5, PARAMETERS, Vector5};
 use crate::frames::Pose;
+
+type Matrix5d = SMatrix<f64, PARAMETERS, PARAMETERS>;
 
 /// Variance of a matched pose over that of independent residuals: a point is compared with the nearest marking, which is
 /// not always its own, so that residuals understate errors (measured on synthetic drives, docs/methods.md 5.6).
@@ -10,7 +15,13 @@ const NEAREST_MARKING_SCALE: f32 = 1.1;
 
 impl Matcher {
     /// Covariance and quality at the last state of a minimisation.
-    pub(super) fn summarize(&self, sums: &NormalEquations, state: &Vector5, steps: usize) -> Match {
+    pub(super) fn summarize(
+        &self,
+        sums: &NormalEquations,
+        distances: &DistanceField,
+        state: &Vector5,
+        steps: usize,
+    ) -> Match {
         let count = self.points.len().max(1) as f32;
         // Covariance of an M-estimator: (Σψ²/Σw) / (Σψ′/Σw)² · (Σ w J Jᵀ)⁻¹, corrected for the degrees of freedom of
         // the pose. It scales with the residual, whatever standard deviations the points state.
@@ -23,12 +34,17 @@ impl Matcher {
             / (weight + stated_weight))
             .clamp(0.1, 25.0);
         let variance_scale = scale * NEAREST_MARKING_SCALE * self.repetition;
-        let normal = sums.normal / variance_scale + self.prior.information;
-        let pose_tilt = normal.try_inverse().unwrap_or_else(|| {
-            let information = self.uninformative_prior().diagonal();
-            Matrix5::from_diagonal(&information.map(|value| 1.0 / value))
-        });
-        let pose_tilt = (pose_tilt + pose_tilt.transpose()) * 0.5;
+        let pose_tilt =
+            well_determined_inverse(&(sums.normal / variance_scale + self.prior.information))
+                .unwrap_or_else(|| {
+                    let pass = self.pass(state, 1.0);
+                    let points = pass.exact_normal(&self.lanes, distances);
+                    let prior = self.prior.information.map(f64::from);
+                    inverse_of(
+                        &(points / f64::from(variance_scale) + prior),
+                        &self.uninformative_prior().map(f64::from),
+                    )
+                });
         let repetition = self.repeated.repetition();
         let deviation = self.prior_residual(state);
         let kernel_squared = self.config.kernel_scale_sigmas * self.config.kernel_scale_sigmas;
@@ -52,4 +68,29 @@ impl Matcher {
             steps,
         }
     }
+}
+
+/// A parameter of which the others leave less than this share of its information is not told by a matrix in 32 bits.
+const DETERMINED_MIN: f32 = 1e-4;
+
+/// Inverse of an information matrix, if rounding does not matter.
+fn well_determined_inverse(information: &Matrix5) -> Option<Matrix5> {
+    let inverse = information.cholesky()?.inverse();
+    // Of each parameter: its information alone over that given the others.
+    let shares = (0..PARAMETERS).map(|k| 1.0 / (information[(k, k)] * inverse[(k, k)]));
+    let well = shares.fold(f32::INFINITY, f32::min) > DETERMINED_MIN;
+    well.then_some(inverse)
+}
+
+/// Inverse of an information matrix to which `least` is added after rounding's negative parts are taken away.
+fn inverse_of(information: &Matrix5d, least: &Matrix5d) -> Matrix5 {
+    let scale = information.diagonal().map(|value| value.max(1e-12).sqrt());
+    let scaling = Matrix5d::from_diagonal(&scale);
+    let unscaling = Matrix5d::from_diagonal(&scale.map(|value| 1.0 / value));
+    let mut parts = (unscaling * information * unscaling).symmetric_eigen();
+    parts.eigenvalues.apply(|value| *value = value.max(0.0));
+    let sum = scaling * parts.recompose() * scaling + least;
+    let inverse = sum.cholesky().map(|cholesky| cholesky.inverse());
+    let unknown = || Matrix5d::from_diagonal(&least.diagonal().map(|value| 1.0 / value));
+    inverse.unwrap_or_else(unknown).map(|value| value as f32)
 }

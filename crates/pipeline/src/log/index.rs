@@ -77,6 +77,7 @@ impl LogIndex {
                 parts.sort_by_key(|part| part.offset);
                 (parts, LogCompleteness::Complete)
             }
+            Err(error) if error.is::<WithoutChunks>() => return Err(error),
             _ => {
                 missing.push(
                     "the log is cut: it has no summary, and ends with its last whole chunk"
@@ -345,7 +346,15 @@ fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
     Ok(Header { files, ..header })
 }
 
-/// Reads the summary at the end of a complete file.
+/// A complete log of another writer, whose messages lie outside chunks.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{}: its messages are not in chunks, which `mirrorball replay` alone reads: `mirrorball recover {} --out COPY.mcap` writes them in chunks",
+    .0.display(), .0.display()
+)]
+pub(super) struct WithoutChunks(PathBuf);
+
+/// Reads the summary at the end of a complete file. None without one. Errors for a file without chunks.
 pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
     let mut file = BufReader::new(input_file::open(path)?);
     let size = file.get_ref().metadata()?.len();
@@ -362,9 +371,15 @@ pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
             SummaryReadEvent::SeekRequest(to) => reader.notify_seeked(file.seek(to)?),
         }
     }
-    Ok(reader
-        .finish()
-        .filter(|summary| !summary.chunk_indexes.is_empty()))
+    let Some(summary) = reader.finish() else {
+        return Ok(None);
+    };
+    let is_counted =
+        |stats: &mcap::records::Statistics| stats.message_count > 0 && stats.chunk_count == 0;
+    if summary.chunk_indexes.is_empty() && summary.stats.as_ref().is_some_and(is_counted) {
+        bail!(WithoutChunks(path.to_owned()));
+    }
+    Ok((!summary.chunk_indexes.is_empty()).then_some(summary))
 }
 
 /// Finds the complete chunks of a file without a summary. Skips from record to record by their lengths.

@@ -124,9 +124,18 @@ impl Recorder {
     }
 
     /// Writes queued cycles, then index and summary.
-    pub fn finish(mut self) -> Result<LogStats> {
+    pub fn finish(self) -> Result<LogStats> {
+        self.finish_by(PendingName::give)
+    }
+
+    /// As [`Recorder::finish`] for a run that was broken off: its log is complete up to there, but replaces no earlier one.
+    pub fn finish_broken_off(self) -> Result<LogStats> {
+        self.finish_by(PendingName::give_unless_taken)
+    }
+
+    fn finish_by(mut self, give: fn(PendingName) -> std::io::Result<()>) -> Result<LogStats> {
         let stats = self.join()?;
-        let given = self.name.take().map_or(Ok(()), PendingName::give);
+        let given = self.name.take().map_or(Ok(()), give);
         given.with_context(|| format!("cannot write {}", self.path.display()))?;
         Ok(stats)
     }

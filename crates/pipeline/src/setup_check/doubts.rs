@@ -107,21 +107,18 @@ impl SetupReport {
 
     /// Adds that the clock of images or wheels leapt: from an image on, images are `age` seconds older than their stamps say. What that
     /// does to the poses is unknown before the leap is mended.
-    pub(super) fn doubt_clock(&mut self, age: f64, from: Stamp, setup: &Setup) {
+    /// `images`: the file that has their stamps.
+    pub(super) fn doubt_clock(&mut self, age: f64, from: Stamp, images: &str, setup: &Setup) {
         let late = age.abs();
-        let edit = if age > 0.0 {
-            format!(
-                "frames.csv: subtract {late:.2} from stamp_s of the rows after the leap, or odometry.csv: add it there"
-            )
+        let ([late_table, other], shift) = if age > 0.0 {
+            ([images, "odometry.csv"], "earlier")
         } else {
-            format!(
-                "odometry.csv: subtract {late:.2} from stamp_s of the rows after the leap, or frames.csv: add it there"
-            )
+            (["odometry.csv", images], "later")
         };
         self.doubt(format!(
-            "a clock leaps by {late:.2} s shortly before {:.3} s: from there on the wheels explain the images only at stamps {late:.2} s {}. {edit}",
+            "a clock leaps by {late:.2} s shortly before {:.3} s: from there on the wheels explain the images only at stamps {late:.2} s {shift}. \
+             {late_table}: subtract {late:.2} from stamp_s of the rows after the leap, or {other}: add it there",
             from.seconds(),
-            if age > 0.0 { "earlier" } else { "later" },
         ));
         self.add_covariance(unknown_pose_covariance(setup));
     }

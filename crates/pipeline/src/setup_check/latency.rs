@@ -19,7 +19,7 @@ const PASSES: usize = 8;
 const STD_MIN: f32 = 0.05;
 
 /// A smaller difference from the configured latency is no mistake, seconds, and a less certain one.
-const AGE_MIN: f32 = 0.03;
+const AGE_MIN: f32 = 0.018;
 const AGE_SIGMAS: f32 = 5.0;
 
 /// A latency that differs from the configured one.

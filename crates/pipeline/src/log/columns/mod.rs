@@ -23,7 +23,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use localize::input_file;
 use mcap::records::{Record, op};
 
-use super::index::{read_summary, scan_chunks};
+use super::index::{WithoutChunks, read_summary, scan_chunks};
 use super::mcap_encoding::RECORD_HEADER_BYTES;
 use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, RecordReader, decode_chunk};
 use super::schema::PROJECT_NAME;
@@ -86,6 +86,7 @@ impl TopicReader {
         };
         match read_summary(path) {
             Ok(Some(summary)) => reader.use_summary(&summary),
+            Err(error) if error.is::<WithoutChunks>() => return Err(error),
             _ => reader.scan_truncated()?,
         }
         Ok(reader)
