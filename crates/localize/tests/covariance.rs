@@ -78,7 +78,7 @@ fn check(name: &str, lines: Lines, range: f32) {
         ..FieldConfig::without_markings([9.0, 6.0], 0.05, 1.0)
     };
     let field = Field::new(config).expect("a field");
-    for seed in [0, 1, 2, 3, 4, 5, 42] {
+    for seed in [0, 1, 42] {
         let rate = if seed % 2 == 0 { 3.0 } else { 10.0 };
         let mut world = World {
             lines,

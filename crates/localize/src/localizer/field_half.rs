@@ -152,10 +152,12 @@ impl HalfEvidence {
     }
 
     /// The tracked pose was turned to the other half.
-    pub(super) fn apply_half_turn(&mut self) {
+    pub(super) fn apply_half_turn(&mut self, config: &CompassConfig) {
+        let compass_doubted = self.compass_doubted || self.agreed_deviation.is_some();
+        let most = most_log_odds(compass_doubted, config);
         *self = HalfEvidence {
-            compass_doubted: self.compass_doubted || self.agreed_deviation.is_some(),
-            ..HalfEvidence::with_log_odds(-self.log_odds)
+            compass_doubted,
+            ..HalfEvidence::with_log_odds((-self.log_odds).min(most))
         };
     }
 
@@ -290,6 +292,15 @@ impl CompassMonitor {
     }
 }
 
+/// Log odds that compass readings may add up to: of one that is doubted, agreement leaves the half open.
+fn most_log_odds(compass_doubted: bool, config: &CompassConfig) -> f32 {
+    if compass_doubted {
+        DOUBTED_SHARE * config.half_known_log_odds
+    } else {
+        config.log_odds_max
+    }
+}
+
 /// Log odds of one reading for the half in which the heading deviates from it by `deviation`, radians.
 fn reading_log_odds(deviation: f32, config: &CompassConfig) -> f32 {
     let std = config.std_deg.to_radians();
@@ -389,7 +400,7 @@ mod tests {
         let mut half = HalfEvidence::default();
         feed_compass(&mut half, 0.0, |heading, _| heading);
         feed_compass(&mut half, 10.0, |heading, _| heading + std::f32::consts::PI);
-        half.apply_half_turn();
+        half.apply_half_turn(&config);
         // The tracked heading is the turned one from now on.
         for period in 2..6 {
             feed_compass(&mut half, 10.0 * period as f32, |heading, _| heading);
@@ -401,7 +412,7 @@ mod tests {
         // A half that was given wrongly is no reason to doubt a compass that never agreed with it.
         let mut given = HalfEvidence::external(&config);
         feed_compass(&mut given, 0.0, |heading, _| heading + std::f32::consts::PI);
-        given.apply_half_turn();
+        given.apply_half_turn(&config);
         feed_compass(&mut given, 10.0, |heading, _| heading);
         assert!(given.log_odds() >= config.half_known_log_odds);
     }

@@ -81,7 +81,7 @@ impl Localizer {
             && track.half_evidence.log_odds() <= -self.config.compass.half_known_log_odds;
         if wrong_half {
             track.filter = track.filter.half_turned();
-            track.half_evidence.apply_half_turn();
+            track.half_evidence.apply_half_turn(&self.config.compass);
             self.half_turn_map();
         }
         if self.config.tracker == Tracker::ScanMap {

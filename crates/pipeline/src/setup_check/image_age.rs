@@ -11,7 +11,7 @@ use super::measurements::MeasuredKeyframe;
 use crate::recording::{RecordedData, Recording};
 
 /// Ages that are tried beyond the configured one, in steps; seconds.
-const AGE_RANGE: (f64, f64) = (-3.0, 3.0);
+const AGE_RANGE: (f64, f64) = (-5.0, 5.0);
 const AGE_STEP: f64 = 0.02;
 /// Smaller ones are left to `latency`, seconds.
 const AGE_MIN: f64 = 0.15;
