@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball import _core
-from mirrorball.arguments import checked
+from mirrorball.arguments import checked, invalid
 from mirrorball.estimates import Cycle
 from mirrorball.pipeline import Config, Pipeline
 from mirrorball.samples import ImageSample, Sample, TruthSample, sample_from_core
@@ -248,4 +248,6 @@ class Simulation:
 
     def apply_camera_command(self, cycle: Cycle) -> None:
         """Sets the camera as the exposure control of a cycle asks, with the delay of a real camera."""
+        if not isinstance(cycle, Cycle):
+            raise TypeError(invalid("cycle", cycle, "a Cycle"))
         self._core.apply_camera_command(cycle.core)
