@@ -4,6 +4,7 @@
 
 use localize::Stamp;
 use localize::frames::{RobotFrame, Tf, wrap_angle};
+use localize::global_search::branch_and_bound::half_turn;
 use localize::setup_check::{Explanation, METRES_PER_RADIAN};
 use nalgebra::{Matrix3, Vector3};
 
@@ -52,24 +53,26 @@ pub(super) fn find(
     let steps: Vec<PoseStep> = pairs
         .enumerate()
         .filter_map(|(start, (measured, fits))| {
+            let (before, after) = (fits[0].pose?, fits[1].pose?);
             Some(PoseStep {
                 start,
                 from: measured[0].stamp + -latency,
                 to: measured[1].stamp + -latency,
-                motion: fits[0].pose?.inverse() * fits[1].pose?,
+                motions: [after, half_turn(after)].map(|after| before.inverse() * after),
             })
         })
         .collect();
     find_age(&path, &steps)
 }
 
-/// Motion of the robot between two exposures, by its poses.
+/// Motion of the robot between two exposures.
 struct PoseStep {
     /// Number of the keyframe at its start.
     start: usize,
     from: Stamp,
     to: Stamp,
-    motion: Tf<RobotFrame, RobotFrame>,
+    /// By its poses, and by the half turn of one: a compass or wheels of another time choose wrong halves.
+    motions: [Tf<RobotFrame, RobotFrame>; 2],
 }
 
 fn find_age(path: &WheelPath, steps: &[PoseStep]) -> Option<ImageAge> {
@@ -159,14 +162,15 @@ impl WheelPath {
         let squared = |x: f32, y: f32, turn: f32| {
             x * x + y * y + (METRES_PER_RADIAN * wrap_angle(turn)).powi(2)
         };
-        let share = |PoseStep {
-                         from, to, motion, ..
-                     }: &PoseStep| {
-            let wheels = self.at(*from + -age)?.inverse() * self.at(*to + -age)?;
-            let moved = squared(wheels.x, wheels.y, wheels.theta)
-                + squared(motion.x, motion.y, motion.theta);
-            let (x, y) = (wheels.x - motion.x, wheels.y - motion.y);
-            let error = squared(x, y, wheels.theta - motion.theta);
+        let share = |step: &PoseStep| {
+            let wheels = self.at(step.from + -age)?.inverse() * self.at(step.to + -age)?;
+            let by_wheels = squared(wheels.x, wheels.y, wheels.theta);
+            let errors = step.motions.map(|motion| {
+                let moved = by_wheels + squared(motion.x, motion.y, motion.theta);
+                let (x, y) = (wheels.x - motion.x, wheels.y - motion.y);
+                (squared(x, y, wheels.theta - motion.theta), moved)
+            });
+            let (error, moved) = errors.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
             (moved > STEP_MIN * STEP_MIN).then(|| (error / moved).min(1.0))
         };
         steps.iter().map(share).collect()
@@ -213,7 +217,16 @@ mod tests {
             start: k,
             from: stamp(k),
             to: stamp(k + 1),
-            motion: shown(k).inverse() * shown(k + 1),
+            // One of the halves may be the right one.
+            motions: {
+                let right = shown(k).inverse() * shown(k + 1);
+                let wrong = Tf::new(5.0, -3.0, 1.0);
+                if k % 3 == 0 {
+                    [wrong, right]
+                } else {
+                    [right, wrong]
+                }
+            },
         });
         let steps = steps.collect();
         (path, steps)
@@ -258,7 +271,7 @@ mod tests {
         }
         // One step that nothing explains is a kidnap.
         let (path, mut steps) = drive(0.0, 0, 1.0, false);
-        steps[12].motion = Tf::new(3.0, -2.0, 1.0);
+        steps[12].motions = [Tf::new(3.0, -2.0, 1.0); 2];
         assert_eq!(find_age(&path, &steps), None);
     }
 }

@@ -20,6 +20,8 @@ const STD_MIN: f32 = 0.05;
 
 /// A smaller difference from the configured latency is no mistake, seconds, and a less certain one.
 const AGE_MIN: f32 = 0.018;
+/// Images that seem younger than configured are wheels that slip, as a rule.
+const YOUTH_MIN: f32 = 0.03;
 const AGE_SIGMAS: f32 = 5.0;
 
 /// A latency that differs from the configured one.
@@ -68,7 +70,7 @@ pub(super) fn other_latency(
     let differs = |excess: f32, std: f32| excess.abs() > AGE_SIGMAS * std;
     let turns_agree = differs(excess_of_turns, std_of_turns)
         && (excess_of_turns - excess).abs() < 0.5 * excess.abs();
-    if excess.abs() < AGE_MIN || !differs(excess, std) || !turns_agree {
+    if (-YOUTH_MIN..AGE_MIN).contains(&excess) || !differs(excess, std) || !turns_agree {
         return None;
     }
     Some(OtherLatency::new(

@@ -161,19 +161,27 @@ impl MeasuredKeyframe {
 }
 
 impl Measured {
-    /// The keyframes with what wheels, compass and inertial unit measured if the images are of another age at their stamps, seconds.
-    pub(super) fn at_latency(
+    /// The keyframes with what wheels and compass measured if the images are `excess` seconds older at their stamps than `latency` says.
+    /// Younger ones are wheels whose stamps are late: the compass stays. Whose clock an inertial unit has is not known.
+    pub(super) fn at_age(
         &self,
         recording: &Recording,
         setup: &Setup,
         latency: f64,
+        excess: f64,
     ) -> Vec<MeasuredKeyframe> {
-        let entries = timeline(recording, setup, latency);
+        let entries = timeline(recording, setup, latency + excess);
         let chosen = |entry: &TimelineEntry| self.images.binary_search(&entry.index).is_ok();
         let entries = join(entries, chosen).into_iter().zip(&self.keyframes);
         let keyframes = entries.map(|(entry, keyframe)| MeasuredKeyframe {
             points: keyframe.points.clone(),
             pixels: keyframe.pixels.clone(),
+            compass: if excess < 0.0 {
+                keyframe.compass
+            } else {
+                entry.compass
+            },
+            inertial: None,
             ..MeasuredKeyframe::without_points(entry)
         });
         keyframes.collect()

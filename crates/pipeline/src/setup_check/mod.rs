@@ -62,6 +62,7 @@ use dead_sensors::FIT_FINE;
 use field_size::{Axis, FieldSize};
 use image_age::ImageAge;
 use latency::OtherLatency;
+use odometry_coverage::OdometryGaps;
 use origin_offset::OriginOffset;
 use variant::SetupVariant;
 
@@ -86,7 +87,12 @@ pub fn check_recording(
         .ranges
         .iter()
         .any(|found| found.table == Table::Images);
-    let age = (!is_other_clock)
+    let gaps = if is_other_clock {
+        OdometryGaps::default()
+    } else {
+        odometry_coverage::find_gaps(recording)
+    };
+    let age = (!is_other_clock && !gaps.clock_jumps)
         .then(|| find_image_age(recording, setup, config, &measured.keyframes))
         .flatten();
     let latency = setup.camera_latency(&config.localize.filter);
@@ -99,7 +105,7 @@ pub fn check_recording(
             from: None,
         }) => {
             let age = latency + seconds as f32;
-            let keyframes = measured.at_latency(recording, setup, age.into());
+            let keyframes = measured.at_age(recording, setup, latency.into(), seconds);
             let mut report = check(&keyframes);
             let wheels = SetupVariant::configured(setup).wheels(setup);
             report.doubt_latency(&OtherLatency::new(age, latency, &keyframes, &wheels));
@@ -125,12 +131,9 @@ pub fn check_recording(
         }
     }
     .with_image_faults(measured.image_faults);
-    if !is_other_clock {
-        let gaps = odometry_coverage::find_gaps(recording);
-        gaps.found.into_iter().for_each(|gap| report.doubt(gap));
-        if gaps.clock_jumps {
-            report.unusable.push(Table::Odometry);
-        }
+    gaps.found.into_iter().for_each(|gap| report.doubt(gap));
+    if gaps.clock_jumps {
+        report.unusable.push(Table::Odometry);
     }
     Ok(report)
 }
