@@ -45,6 +45,7 @@ impl Matcher {
                         &self.uninformative_prior().map(f64::from),
                     )
                 });
+        let pose_tilt = (pose_tilt + pose_tilt.transpose()) * 0.5;
         let repetition = self.repeated.repetition();
         let deviation = self.prior_residual(state);
         let kernel_squared = self.config.kernel_scale_sigmas * self.config.kernel_scale_sigmas;
