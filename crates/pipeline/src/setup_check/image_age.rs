@@ -97,34 +97,55 @@ fn find_age(path: &WheelPath, steps: &[PoseStep]) -> Option<ImageAge> {
     })
 }
 
-/// The age of the images from the step `first` on, and the share of the motion that the wheels then do not explain.
+/// The age of the images from the step `first` on, and the share of all motion that the wheels then do not explain. Only steps that
+/// the wheels cover at both ages count: an age that carries the others past the ends of the odometry would seem to explain them.
 fn age_from(first: usize, configured: &Shares, by_age: &[(f64, Shares)]) -> Option<(f64, f32)> {
-    let rest = |later: &Shares| mean(configured[..first].iter().chain(&later[first..]));
-    let rests: Vec<(f64, f32)> = by_age
-        .iter()
-        .filter_map(|(age, later)| Some((*age, rest(later)?)))
-        .collect();
-    let least = rests.iter().map(|(_, rest)| *rest).min_by(f32::total_cmp)?;
-    let as_configured = mean(configured.iter())?;
-    if as_configured < REST_MIN || least > REST_MAX.min(REST_SHARE_MAX * as_configured) {
+    let (before, after) = configured.split_at(first);
+    let before: Vec<f32> = before.iter().flatten().copied().collect();
+    let steps_min = if first == 0 {
+        STEPS_MIN
+    } else {
+        STEPS_BESIDE_LEAP
+    };
+    if first > 0 && (before.len() < STEPS_BESIDE_LEAP || mean(&before) > REST_MAX) {
         return None;
     }
+    // Age, what remains of the steps from `first` on, and whether the age explains them.
+    let rests: Vec<(f64, f32, bool)> = by_age
+        .iter()
+        .filter_map(|(age, later)| {
+            let pairs = after.iter().zip(&later[first..]);
+            let (as_configured, at_age): (Vec<f32>, Vec<f32>) =
+                pairs.filter_map(|(a, b)| (*a).zip(*b)).unzip();
+            if at_age.len() < steps_min || before.len() + at_age.len() < STEPS_MIN {
+                return None;
+            }
+            let (as_configured, rest) = (mean(&as_configured), mean(&at_age));
+            let explains = as_configured >= REST_MIN
+                && rest <= REST_MAX.min(REST_SHARE_MAX * as_configured);
+            Some((*age, rest, explains))
+        })
+        .collect();
+    let explaining = rests.iter().filter(|(.., explains)| *explains);
+    let least = explaining.map(|(_, rest, _)| *rest).min_by(f32::total_cmp)?;
     // The bottom of the nearest valley that is deep enough.
     let bottoms = rests.array_windows().filter_map(|[before, at, after]| {
-        (at.1 <= ALIKE * least && at.1 <= before.1 && at.1 <= after.1).then_some(*at)
+        let is_bottom = at.1 <= before.1 && at.1 <= after.1;
+        (at.2 && is_bottom && at.1 <= ALIKE * least).then_some((at.0, at.1))
     });
-    bottoms
+    let (age, rest) = bottoms
         .min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
-        .filter(|(age, _)| age.abs() >= AGE_MIN)
+        .filter(|(age, _)| age.abs() >= AGE_MIN)?;
+    let steps = after.iter().flatten().count() as f32;
+    let total = before.iter().sum::<f32>() + rest * steps;
+    Some((age, total / (before.len() as f32 + steps)))
 }
 
 /// Share of each step's motion that the wheels do not explain: 0 equal, 1 unrelated. None without wheels or motion.
 type Shares = Vec<Option<f32>>;
 
-/// None for too few steps.
-fn mean<'a>(shares: impl Iterator<Item = &'a Option<f32>>) -> Option<f32> {
-    let shares: Vec<f32> = shares.flatten().copied().collect();
-    (shares.len() >= STEPS_MIN).then(|| shares.iter().sum::<f32>() / shares.len() as f32)
+fn mean(shares: &[f32]) -> f32 {
+    shares.iter().sum::<f32>() / shares.len() as f32
 }
 
 /// Where the wheels led, from the first row of the odometry on.
@@ -269,6 +290,14 @@ mod tests {
                 "{first}: {found:?}"
             );
         }
+        // Steps that nothing explains, so near to the end of the odometry that a later time leaves few of them.
+        let (mut path, mut steps) = drive(0.0, 0, 1.0, false);
+        path.poses.truncate(3450);
+        for (k, step) in steps.iter_mut().enumerate().skip(22) {
+            let k = k as f32;
+            step.motions = [Tf::new(1.5 * math::sin(k), math::cos(3.0 * k), 0.5); 2];
+        }
+        assert_eq!(find_age(&path, &steps), None);
         // One step that nothing explains is a kidnap.
         let (path, mut steps) = drive(0.0, 0, 1.0, false);
         steps[12].motions = [Tf::new(3.0, -2.0, 1.0); 2];
