@@ -121,13 +121,15 @@ fn age_from(first: usize, configured: &Shares, by_age: &[(f64, Shares)]) -> Opti
                 return None;
             }
             let (as_configured, rest) = (mean(&as_configured), mean(&at_age));
-            let explains = as_configured >= REST_MIN
-                && rest <= REST_MAX.min(REST_SHARE_MAX * as_configured);
+            let explains =
+                as_configured >= REST_MIN && rest <= REST_MAX.min(REST_SHARE_MAX * as_configured);
             Some((*age, rest, explains))
         })
         .collect();
     let explaining = rests.iter().filter(|(.., explains)| *explains);
-    let least = explaining.map(|(_, rest, _)| *rest).min_by(f32::total_cmp)?;
+    let least = explaining
+        .map(|(_, rest, _)| *rest)
+        .min_by(f32::total_cmp)?;
     // The bottom of the nearest valley that is deep enough.
     let bottoms = rests.array_windows().filter_map(|[before, at, after]| {
         let is_bottom = at.1 <= before.1 && at.1 <= after.1;
