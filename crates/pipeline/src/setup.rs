@@ -265,7 +265,19 @@ fn load_ground_map(
         ),
     };
     let visible = map.x.iter().filter(|x| x.is_finite()).count();
-    ensure!(visible > 0, "{}: no pixel shows ground", source.display());
+    if visible == 0 {
+        let [width, height] = [camera.width_px, camera.height_px];
+        let outside = camera.centre_px.filter(|[u, v]| {
+            !(0.0..=width as f32).contains(u) || !(0.0..=height as f32).contains(v)
+        });
+        if let Some([u, v]) = outside {
+            bail!(
+                "{}: camera.centre_px = [{u}, {v}] lies outside the image of {width} × {height} pixels: no pixel shows ground",
+                robot_file.display()
+            );
+        }
+        bail!("{}: no pixel shows ground", source.display());
+    }
     let nearest = map.nearest_ground();
     ensure!(
         nearest < NEAREST_GROUND_MAX,

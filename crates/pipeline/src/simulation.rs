@@ -254,7 +254,24 @@ pub fn load_scenario_with_overrides(
             .with_context(|| format!("invalid seed: {seed} (expected less than 2^63)"))?;
         table.insert("seed".to_owned(), seed.into());
     }
-    Ok(Scenario::from_table(table, path)?)
+    Scenario::from_table(table, path).with_context(|| {
+        format!(
+            "with {} in place of the file's",
+            dotted_keys(overrides).join(", ")
+        )
+    })
+}
+
+/// All values of a table as `key.key = value`.
+fn dotted_keys(table: &toml::Table) -> Vec<String> {
+    let of_entry = |(key, value): (&String, &toml::Value)| match value {
+        toml::Value::Table(inner) => {
+            let below = dotted_keys(inner).into_iter();
+            below.map(|rest| format!("{key}.{rest}")).collect()
+        }
+        value => vec![format!("{key} = {value}")],
+    };
+    table.iter().flat_map(of_entry).collect()
 }
 
 /// Setup of a simulated robot, without exposure control.

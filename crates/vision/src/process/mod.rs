@@ -133,7 +133,7 @@ impl Vision {
                     });
                 }
             }
-            let nearest = map.nearest_ground();
+            let nearest = map.nearest_ground().max(config.scan.range_min);
             if nearest < config.scan.range_max {
                 return Err(VisionError::NoScanLines { nearest });
             }
