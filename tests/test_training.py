@@ -42,12 +42,12 @@ def test_equal_seeds_train_equal_weights_that_tell_discs_from_carpet(monkeypatch
     samples.ball_negatives = samples.ball_backgrounds = floor.astype(np.uint8)
     written = []
     for name in ("first", "second"):
-        trained = train_objects.train("ball", [samples], set(), steps=30, seed=3)
-        networks.write_weights(tmp_path / name, trained)
+        trained = train_objects.train("ball", ["coarse", "screen", "judge"], [samples], set(), steps=30, seed=3)
+        networks.write_weights(tmp_path / name, list(trained.values()))
         written.append((tmp_path / name).read_bytes())
     assert written[0] == written[1]
     everywhere = np.ones((40, 12, 12), bool)
-    for judge in trained[1:]:
+    for judge in (trained["screen"], trained["judge"]):
         scores = [
             judge.forward(train_objects.patches.normalize("ball", part, everywhere)).mean()
             for part in (disc.astype(np.float32), floor[:40].astype(np.float32))

@@ -52,6 +52,8 @@ def composite_balls(real: Colours, backgrounds: Colours, rng: np.random.Generato
     made = []
     for _ in range(COMPOSITES):
         ground = backgrounds[rng.integers(len(backgrounds))]
+        if rng.random() < 0.1:
+            ground = _feet(ground, rng, near=rng.uniform(0.3, 1.5))
         ball = real[rng.integers(len(real))] if rng.random() < 0.4 else painted_ball(rng)
         radius, away, aside = rng.uniform(0.85, 1.2), *rng.uniform(-0.35, 0.35, 2)
         # One lamp or window: its side of the ball is bright, even saturated, the other dark, and the shadow lies there.
@@ -92,13 +94,38 @@ def _panel(ground: Colours, rng: np.random.Generator) -> Colours:
     return patch * (1 - mask) + any_colour(rng) * mask
 
 
+def _feet(ground: Colours, rng: np.random.Generator, near: float) -> Colours:
+    """One or two shoes of a person, the nearer edge of the first at `near` (radii of a ball), and the legs, which lead away."""
+    patch, aside = ground, rng.uniform(-0.5, 0.5)
+    trousers = any_colour(rng, 0.3) if rng.random() < 0.7 else any_colour(rng)
+    shoes = any_colour(rng, rng.choice([0.3, 1]))
+    soft, lean = rng.uniform(0.2, 0.8), rng.uniform(-0.3, 0.3)
+    for foot in range(rng.integers(1, 3)):
+        heel = near + foot * rng.uniform(-1, 2)
+        place = ASIDE - aside - foot * rng.choice([-1, 1]) * rng.uniform(0.8, 3.5)
+        length, wide = rng.uniform(0.5, 2.2), rng.uniform(0.4, 1.2)
+        # A shoe that points aside is as wide as it is long.
+        shoe = np.hypot((AWAY - heel) / length - 0.5, 0.5 * place / wide)
+        shoe_mask = np.clip((0.5 - shoe) * min(length, 2 * wide) / soft + 0.5, 0, 1)
+        half = rng.uniform(0.3, 0.9) + rng.uniform(0, 0.2) * np.clip(AWAY - heel, 0, 4)
+        across = np.abs(place - rng.uniform(-0.3, 0.3) - lean * (AWAY - heel))
+        leg = np.minimum((half - across) / soft, (AWAY - heel - rng.uniform(0, 0.6) * length) / soft)
+        leg_mask = np.clip(leg + 0.5, 0, 1)
+        shadow = np.clip(1.5 - shoe, 0, 1) * rng.uniform(0, 0.5)
+        patch = patch * (1 - shadow[..., None])
+        for mask, colour in ((leg_mask, trousers), (shoe_mask, shoes)):
+            patch = patch * (1 - mask[..., None]) + colour * mask[..., None]
+    return patch
+
+
 def composite_others(backgrounds: Colours, rng: np.random.Generator) -> Patches:
-    """Discs and strips that are no ball: beside the centre, too large, too small, a line."""
+    """Discs and strips that are no ball: beside the centre, too large, too small, a line, feet of people."""
     made = []
     for _ in range(COMPOSITES):
         ground = backgrounds[rng.integers(len(backgrounds))]
-        if rng.random() < 0.5:
-            made.append(_panel(ground, rng))
+        part = rng.random()
+        if part < 0.6:
+            made.append(_panel(ground, rng) if part < 0.4 else _feet(ground, rng, near=-rng.uniform(0.2, 3.5)))
             continue
         angle, choice = rng.uniform(0, 2 * np.pi), rng.random()
         if choice < 0.2:
@@ -118,7 +145,7 @@ def composite_others(backgrounds: Colours, rng: np.random.Generator) -> Patches:
         else:
             # A line, rod or leg through the centre, narrower than a ball.
             across = np.cos(angle) * ASIDE + np.sin(angle) * AWAY - rng.uniform(-0.7, 0.7)
-            mask = np.clip((rng.uniform(0.2, 0.6) - np.abs(across)) / rng.uniform(0.2, 0.6) + 0.5, 0, 1)[..., None]
+            mask = np.clip((rng.uniform(0.2, 0.85) - np.abs(across)) / rng.uniform(0.2, 0.6) + 0.5, 0, 1)[..., None]
         made.append(ground * (1 - mask) + painted_ball(rng) * mask)
     return _levels(made)
 

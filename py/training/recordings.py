@@ -172,12 +172,12 @@ def simulated_objects(camera: Camera) -> dict[str, tuple[list[Ball], list[Obstac
         polar = [(kind, float(np.hypot(x, y)), forward(np.arctan2(y, x))) for kind, x, y in seen]
         balls, obstacles = objects.setdefault(stamp, ([], []))
         for index, (kind, range_m, azimuth) in enumerate(polar):
-            others = [entry for number, entry in enumerate(polar) if number != index and entry[0] == "robot"]
+            others = [entry for number, entry in enumerate(polar) if number != index and entry[0] != "ball"]
             hidden = any(r - 0.25 < range_m and _apart(a, azimuth) < 0.33 / r + 0.1 / range_m for _, r, a in others)
             if kind == "ball":
                 angle, height, width = (float(part) for part in view.ball_angles(np.array(range_m)))
                 balls.append(Ball(angle, azimuth, height, width, range_m, range_m < 6.3 and not hidden))
-            elif range_m < 9:
+            elif kind == "robot" and range_m < 9:
                 half = 0.19 / range_m
                 near = np.arctan2(max(range_m - ROBOT_RADIUS_M, 0.1), view.height_m)
                 usable = ROBOT if not hidden and range_m < 6 else IGNORED

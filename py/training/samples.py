@@ -37,13 +37,16 @@ def carpet_mask(camera: Camera, image: Pixels) -> NDArray[np.bool_]:
     return (along >= 0.35) & (np.abs(off) <= 0.45 * np.clip(along, 0.75, 1.25)) & (level >= 0.25 * carpet.mean())
 
 
-def sample_image(camera: Camera, file: str, balls: list[Ball], obstacles: list[Obstacle], rng: np.random.Generator) -> Samples:
-    """All patches of one image."""
+def sample_image(
+    camera: Camera, file: str, balls: list[Ball], obstacles: list[Obstacle] | None, rng: np.random.Generator
+) -> Samples:
+    """All patches of one image. Without `obstacles`, those of balls alone."""
     image = camera.image(file)
     carpet = carpet_mask(camera, image)
     samples = Samples(camera.folder.name)
     _sample_balls(camera, image, carpet, balls, samples, rng)
-    _sample_obstacles(camera, image, carpet, obstacles, samples, rng)
+    if obstacles is not None:
+        _sample_obstacles(camera, image, carpet, obstacles, samples, rng)
     return samples
 
 

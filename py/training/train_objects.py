@@ -1,10 +1,11 @@
-"""Trains the networks that judge balls, robots and people by their pixels; writes objects.weights.
+r"""Trains the networks that judge balls, robots and people by their pixels; writes objects.weights.
 
 `python py/training/prepare_recordings.py --mirrorball EXE --labelled REAL --out DIR`
-`OPENBLAS_NUM_THREADS=1 python py/training/train_objects.py --prepared DIR --screens W --out W`
+`OPENBLAS_NUM_THREADS=1 python py/training/train_objects.py --prepared DIR --earlier W --out W \
+    --train ball-screen ball-judge obstacle-judge`
 
-with W = crates/vision/src/objects/objects.weights gives the weights of the repository, whose coarse networks and screens are
-of an earlier training (docs/experiments.md). Without `--screens` all are trained. It takes half an hour of two cores.
+with W = crates/vision/src/objects/objects.weights gives the weights of the repository, whose other networks are of an earlier
+training (docs/experiments.md). Without `--train` all are trained. It takes half an hour of two cores.
 `--leave-out labelled_Y3` trains without a camera, for a test on its pictures.
 Labelled folders hold object_labels.csv; a map and a centre may follow after colons. Simulated folders are exports of
 logs (`mirrorball replay LOG --export DIR`). Equal inputs and seeds give equal weights on one kind of processor.
@@ -36,10 +37,14 @@ from networks import (
     write_weights,
 )
 from numpy.typing import NDArray
-from prepare_recordings import drives
+from prepare_recordings import SETS, WITH_PEOPLE, drives
 from recordings import Camera, Samples, labelled_objects, simulated_objects
 from samples import sample_image
 
+KINDS = ("ball", "obstacle")
+PARTS = ("coarse", "screen", "judge")
+# In the order of objects.weights.
+NETWORKS = [f"{kind}-{part}" for kind in KINDS for part in PARTS]
 EPOCHS = 8
 BATCH_POSITIVE = 64
 POOL = 24000
@@ -151,26 +156,26 @@ def train_network(
 
 
 def train(
-    kind: str, samples: list[Samples], simulated: set[str], *, steps: int, seed: int, kept: list[Network] | None = None
-) -> list[Network]:
-    """The networks of a kind: coarse, screen and judge. Each teacher has composites and random numbers of its own.
-
-    `kept`: the coarse network and the screen, if they are trained already.
-    """
+    kind: str, parts: list[str], samples: list[Samples], simulated: set[str], *, steps: int, seed: int
+) -> dict[str, Network]:
+    """Those networks of a kind that `parts` names. Each teacher has composites and random numbers of its own."""
     make = ball_examples if kind == "ball" else obstacle_examples
     examples = make(samples, simulated, seed)
-    if kept is None:
-        screen = train_network(examples, SCREEN, MILD, steps=steps, seed=seed)
-        kept = [train_coarse(examples, steps=steps, seed=seed), screen]
-        print(f"{kind}: coarse network and screen", flush=True)
-    teachers = []
-    for number in range(1, 1 + TEACHERS):
-        own = make(samples, simulated, seed + number)
-        teachers.append(train_network(own, JUDGE, STRONG, steps=steps, seed=seed + number))
-        print(f"{kind}: teacher {number} of {TEACHERS}", flush=True)
-    judge = train_network(examples, JUDGE, STRONG, steps=steps, seed=seed, teachers=tuple(teachers))
-    print(f"{kind}: judge", flush=True)
-    return [*kept, judge]
+    trained: dict[str, Network] = {}
+    if "coarse" in parts:
+        trained["coarse"] = train_coarse(examples, steps=steps, seed=seed)
+    if "screen" in parts:
+        trained["screen"] = train_network(examples, SCREEN, MILD, steps=steps, seed=seed)
+        print(f"{kind}: screen", flush=True)
+    if "judge" in parts:
+        teachers = []
+        for number in range(1, 1 + TEACHERS):
+            own = make(samples, simulated, seed + number)
+            teachers.append(train_network(own, JUDGE, STRONG, steps=steps, seed=seed + number))
+            print(f"{kind}: teacher {number} of {TEACHERS}", flush=True)
+        trained["judge"] = train_network(examples, JUDGE, STRONG, steps=steps, seed=seed, teachers=tuple(teachers))
+        print(f"{kind}: judge", flush=True)
+    return trained
 
 
 def labelled_camera(text: str) -> Camera:
@@ -187,38 +192,47 @@ def main() -> None:
     parser.add_argument("--leave-out", default="", metavar="NAME", help="labelled recording of DIR not to train on")
     parser.add_argument("--labelled", action="append", default=[], metavar="DIR[:MAP[:U:V]]")
     parser.add_argument("--simulated", action="append", default=[], metavar="DIR")
+    parser.add_argument(
+        "--with-people", action="append", default=[], metavar="DIR", help="simulated; balls alone are learnt from it"
+    )
     parser.add_argument("--steps", type=int, default=400, help="steps of each of the eight epochs")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--screens", type=Path, metavar="FILE", help="keep the coarse networks and screens of these weights")
+    parser.add_argument("--train", nargs="+", choices=NETWORKS, default=NETWORKS, metavar="NETWORK", help=", ".join(NETWORKS))
+    parser.add_argument("--earlier", type=Path, metavar="FILE", help="weights of the networks that are not trained")
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
+    if set(args.train) != set(NETWORKS) and not args.earlier:
+        parser.error("--train needs --earlier, which holds the other networks")
     if args.prepared:
         names = [name for name in ("labelled_Y3", "labelled_Y1") if name != args.leave_out]
         args.labelled += [str(args.prepared / name) for name in names]
-        args.simulated += [str(args.prepared / name) for name in drives()]
+        args.simulated += [str(args.prepared / name) for name in drives(SETS)]
+        args.with_people += [str(args.prepared / name) for name in drives(WITH_PEOPLE)]
     samples = []
-    recordings = [(labelled_camera(text), True) for text in args.labelled]
-    recordings += [(Camera(Path(text)), False) for text in args.simulated]
-    for camera, labelled in recordings:
-        objects = labelled_objects(camera) if labelled else simulated_objects(camera)
+    recordings = [(labelled_camera(text), labelled_objects, True) for text in args.labelled]
+    recordings += [(Camera(Path(text)), simulated_objects, True) for text in args.simulated]
+    recordings += [(Camera(Path(text)), simulated_objects, False) for text in args.with_people]
+    for camera, objects_of, has_obstacles in recordings:
+        objects = objects_of(camera)
         # Its own numbers, so that leaving a recording out changes no other's patches.
         rng = np.random.default_rng(args.seed)
         for stamp, file in camera.frames:
             balls, obstacles = objects.get(stamp, ([], []))
-            samples.append(sample_image(camera, file, balls, obstacles, rng))
+            samples.append(sample_image(camera, file, balls, obstacles if has_obstacles else None, rng))
         print(f"{camera.folder}: {len(camera.frames)} pictures", flush=True)
-    simulated = {Path(text).name for text in args.simulated}
-    kept: dict[str, list[Network]] = {}
-    if args.screens:
-        earlier = object_networks()
-        read_weights(args.screens, earlier)
-        kept = {"ball": earlier[:2], "obstacle": earlier[3:5]}
+    simulated = {Path(text).name for text in args.simulated + args.with_people}
+    networks = object_networks()
+    if args.earlier:
+        read_weights(args.earlier, networks)
     with ProcessPoolExecutor() as processes:
-        trained = [
-            processes.submit(train, kind, samples, simulated, steps=args.steps, seed=args.seed, kept=kept.get(kind))
-            for kind in ("ball", "obstacle")
-        ]
-        networks = [network for kind in trained for network in kind.result()]
+        training = {}
+        for kind in KINDS:
+            parts = [part for part in PARTS if f"{kind}-{part}" in args.train]
+            if parts:
+                training[kind] = processes.submit(train, kind, parts, samples, simulated, steps=args.steps, seed=args.seed)
+        for kind, trained in training.items():
+            for part, network in trained.result().items():
+                networks[NETWORKS.index(f"{kind}-{part}")] = network
     write_weights(args.out, networks)
     write_reference(args.out.with_suffix(".reference"), networks)
 
