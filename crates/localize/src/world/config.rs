@@ -111,7 +111,8 @@ impl Default for ObjectTrackConfig {
             initial_speed_std: 3.0,
             gate: 13.8,
             detection_probability: 0.6,
-            false_alarm_probability: 0.08,
+            // What looks like a ball or robot once often does so in the next images, too.
+            false_alarm_probability: 0.2,
             range_max: 5.0,
             birth_probability: 0.4,
             confirm_probability: 0.7,
