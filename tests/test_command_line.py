@@ -217,6 +217,12 @@ def test_negative_seed_is_refused_with_what_is_expected() -> None:
     assert done.returncode == 2 and "expected a whole number from 0" in done.stderr and "-- -1" not in done.stderr
 
 
+def test_setting_that_a_scenario_does_not_know_is_named_with_its_value() -> None:
+    done = mirrorball("sim", ROOT / "config/scenarios/demo.toml", "--duration", "1", "--set", "path.sped=3")
+    assert done.returncode == 1
+    assert "path.sped = 3" in done.stderr and "demo.toml" in done.stderr and "speed" in done.stderr
+
+
 def test_experiment_is_found_without_the_ending_of_its_file(tmp_path: Path) -> None:
     wanted = ROOT / "config/experiments/certainty"
     done = mirrorball("eval", wanted, "--out", tmp_path, "--only", "no such part")

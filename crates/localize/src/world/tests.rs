@@ -238,6 +238,22 @@ fn passing_robots_keep_their_ids() {
 }
 
 #[test]
+fn place_taken_for_a_ball_in_a_quarter_of_the_images_is_none_and_a_ball_seen_in_most_is_one() {
+    let reported = |seen: f32| {
+        let mut scene = TrackingScene::new(9);
+        let images = 900;
+        let views = (0..images).map(|_| {
+            let is_seen = scene.rng.random::<f32>() < seen;
+            scene.step(is_seen.then_some(At::new(2.0, 1.0)), &[], true)
+        });
+        views.filter(|view| view.ball.is_some()).count() as f32 / images as f32
+    };
+    let (false_one, ball) = (reported(0.25), reported(0.85));
+    assert!(false_one < 0.1, "{false_one}");
+    assert!(ball > 0.97, "{ball}");
+}
+
+#[test]
 fn single_false_alarm_and_non_finite_observations_give_no_object() {
     let mut scene = TrackingScene::new(5);
     assert_eq!(scene.step(Some(At::new(1.0, 1.0)), &[], true).ball, None);
