@@ -21,8 +21,14 @@ fn a_log_of_version_0_1_0_verifies_with_its_own_settings() {
     let settings = OLD_SETTINGS.replace("way_noise = 0.02", "way_noise = 0.05");
     let mut config = PipelineConfig::default();
     config.localize.filter.odometry_noise_per_metre = 0.05;
-    // The default was another.
+    // The defaults were others.
     config.vision.objects.robot_range_max = 7.0;
+    for tracks in [
+        &mut config.localize.world.ball,
+        &mut config.localize.world.robots,
+    ] {
+        tracks.false_alarm_probability = 0.08;
+    }
 
     let setup = Setup::load(&sample.join("robot.toml"), None).expect("a setup");
     let map = setup.camera.as_ref().map(|(_, map)| &**map);

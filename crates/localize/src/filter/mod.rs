@@ -368,7 +368,7 @@ impl PoseFilter {
     /// image says nothing about stays as certain as that.
     pub fn admit_motion(&mut self, [x, y, theta]: [f32; 3]) {
         match self {
-            PoseFilter::Joint(joint) => joint.doubt_pose(math::hypot(x, y), theta.abs()),
+            PoseFilter::Joint(joint) => joint.admit_motion(math::hypot(x, y), theta.abs()),
             PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => {
                 let motion = Vector3::new(x, y, theta);
                 let information = self.covariance().try_inverse();

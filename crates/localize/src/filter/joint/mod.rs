@@ -217,7 +217,17 @@ impl JointFilter {
         if let Some(errors) = &mut self.mate_errors {
             errors.decorrelate_pose();
         }
-        // The unreported motion may continue.
+        self.doubt_twist();
+    }
+
+    /// Adds errors of an unreported motion to the pose, metres and radians.
+    pub(super) fn admit_motion(&mut self, distance: f32, turn: f32) {
+        self.doubt_pose(distance, turn);
+        self.doubt_twist();
+    }
+
+    /// An unreported motion may continue.
+    fn doubt_twist(&mut self) {
         for (k, std) in INITIAL_TWIST_STD.into_iter().enumerate() {
             self.covariance[TWIST + k][TWIST + k] += (0.3 * std).powi(2);
         }
