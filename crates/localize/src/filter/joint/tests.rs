@@ -1,6 +1,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::*;
+use crate::filter::pose_gaussian::{PoseMeasurement, kalman_update};
 use crate::filter::{ImuInterval, PredictionInput, TiltPrior, WheelIncrement};
 use crate::sensors::attitude::GRAVITY;
 
@@ -204,4 +205,34 @@ fn tilt_prior_comes_from_the_state_only_while_the_imu_is_active() {
         &config,
     );
     assert!(filter.tilt().is_none());
+}
+
+#[test]
+fn velocity_that_a_saturated_inertial_unit_missed_is_learned_from_images() {
+    let (mut filter, config) = stationary_filter();
+    for _ in 0..100 {
+        predict_and_update(&mut filter, [0.0; 2], [0.0; 3], [0.0; 3], &config);
+    }
+    // A push that no reading showed: 1.4 m/s from now on, until the wheels roll with it. They count as spinning.
+    let shown = |images: u32| 1.4 * DT * 3.0 * images as f32;
+    for image in 1..=15 {
+        for _ in 0..3 {
+            predict_and_update(&mut filter, [0.0; 2], [0.0; 3], [1.4, 0.0, 0.0], &config);
+        }
+        let pose = Pose::new(shown(image), 0.0, 0.0);
+        let motion = pose.difference(filter.pose());
+        if motion.x.abs() > 0.01 {
+            filter.admit_motion(motion.x.abs(), 0.0);
+        }
+        let predicted = filter.predicted_covariance(TiltPrior::FromState);
+        let measured = PoseMeasurement {
+            pose,
+            covariance: Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-5)),
+        };
+        let posterior = kalman_update(filter.pose(), &predicted, &measured).expect("a posterior");
+        filter.update(&posterior, TiltPrior::FromState, &config);
+    }
+    let speed = filter.twist().x;
+    assert!((speed - 1.4).abs() < 0.1, "{speed}");
+    assert!(!filter.in_collision());
 }
