@@ -601,3 +601,44 @@ fn wheel_and_controller_counts_must_match() {
         "{message}"
     );
 }
+
+#[test]
+fn flood_of_commands_reaches_the_bus_at_its_rate_and_the_newest_one_last() {
+    let port = PseudoSerialPort::connected();
+    let queue = EventQueue::new(1024);
+    let config = device(Bus::Board, port.path_string());
+    let base = BaseDriver::start(&config, &BaseConfig::default(), &queue).expect("a base");
+    let mut board = FakeBoard::new(port);
+    wait_until("the first wheel command", || {
+        board.send_counts(0);
+        (!board.received_wheel_commands().is_empty()).then_some(())
+    });
+    let command = |speed: f32| {
+        let speeds = MotionCommand::WheelSpeeds([speed; 4]);
+        base.handle()
+            .drive(speeds, short_deadline())
+            .expect("driven");
+    };
+    let started = hw::now();
+    let mut received = 0;
+    while hw::now() - started < 0.5 {
+        (0..100).for_each(|k| command(0.01 * k as f32));
+        board.send_counts(0);
+        received += board.received_wheel_commands().len();
+    }
+    // A repeated command may come right before a new one.
+    let most = 2.0 * f64::from(config.rate_hz) * (hw::now() - started) + 10.0;
+    assert!(
+        received > 10 && (received as f64) < most,
+        "{received} of at most {most}"
+    );
+    wait_until("the newest command", || {
+        command(3.0);
+        board.send_counts(0);
+        let commands = board.received_wheel_commands();
+        commands
+            .last()
+            .filter(|last| last.speed_crad[0] == 300)
+            .map(|_| ())
+    });
+}

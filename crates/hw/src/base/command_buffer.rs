@@ -100,6 +100,11 @@ impl CommandBuffer {
         };
     }
 
+    /// No motion is commanded: such a command does not wait.
+    pub(crate) fn stops(&self) -> bool {
+        self.drive.is_none()
+    }
+
     /// Replaces the kick; `tally` counts it.
     pub(crate) fn set_kick(
         &mut self,

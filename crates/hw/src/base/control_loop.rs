@@ -39,7 +39,8 @@ impl ControlLoop {
         let start = clock::now();
         let mut stall_detector = StallDetector::new(&self.device.port, self.device.stall);
         let mut reports = Vec::new();
-        let mut next_send = start;
+        // When the last command is repeated, and from when on a new one is sent.
+        let (mut next_send, mut next_new) = (start, start);
         // Commands from before the bus was open are discarded: the wheels stop first.
         self.commands.lock().halt(start);
         self.confirmations = Confirmations::default();
@@ -47,13 +48,25 @@ impl ControlLoop {
         link.send_motor_command(MotorCommand::Release, start)?;
         while !waker.stop_requested() {
             let now = clock::now();
-            let pending = self.commands.lock().pending;
-            if pending || now >= next_send {
+            let (is_new, stops) = {
+                let buffer = self.commands.lock();
+                (buffer.pending, buffer.stops())
+            };
+            // New commands go out at once, but no faster than the rate: a serial line would queue them.
+            if (is_new && (stops || now >= next_new)) || now >= next_send {
                 self.send_commands(link, now)?;
                 // The period restarts at a new command, so that it is not sent twice in a row.
                 next_send = now + period;
+                if is_new {
+                    next_new = next_send;
+                }
             }
-            let readable = waker.wait(Some(link.fd()), next_send);
+            let until = if self.commands.lock().pending {
+                next_new.min(next_send)
+            } else {
+                next_send
+            };
+            let readable = waker.wait(Some(link.fd()), until);
             if let Some(pause) = pause_detector.check(clock::now()) {
                 link.discard_input()?;
                 self.monitor.report_event(pause_reason(pause));

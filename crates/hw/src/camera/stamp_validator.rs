@@ -2,8 +2,11 @@
 
 use localize::Stamp;
 
-/// Longest time from exposure to arrival, seconds: a camera of 10 Hz that is read out during the next exposure.
+/// Longest usual time from exposure to arrival, seconds: a camera of 10 Hz that is read out during the next exposure.
 const DELAY_MAX: f64 = 0.15;
+/// Longest time of an image that a busy computer delivers late, seconds. Its stamp follows those of images that came in time, which that
+/// of a clock which was set back does not.
+const LATE_MAX: f64 = 1.0;
 /// Gain per image with which the usual delay follows longer delays.
 const DELAY_INCREASE_GAIN: f64 = 0.01;
 
@@ -28,7 +31,9 @@ impl StampValidator {
     pub(super) fn validate(&mut self, stamp: Stamp, arrival: Stamp) -> ValidatedStamp {
         let delay = arrival - stamp;
         let later = self.last.is_none_or(|last| stamp > last);
-        let from_camera = later && (0.0..=DELAY_MAX).contains(&delay);
+        let follows = self.last.is_some() && self.min_delay <= DELAY_MAX;
+        let delay_max = if follows { LATE_MAX } else { DELAY_MAX };
+        let from_camera = later && (0.0..=delay_max).contains(&delay);
         let stamp = if from_camera {
             let shorter = self.last.is_none() || delay < self.min_delay;
             let gain = if shorter { 1.0 } else { DELAY_INCREASE_GAIN };
@@ -69,5 +74,24 @@ mod tests {
             from_camera += usize::from(validated.from_camera);
         }
         assert_eq!(from_camera, 100);
+    }
+
+    #[test]
+    fn images_that_are_delivered_late_keep_their_stamps_unless_all_are() {
+        let mut validator = StampValidator::default();
+        let late = |index: i64| match index {
+            // A busy computer delivers eight images almost at once, and from the 100th on a clock is slow for good.
+            30..38 => 30_000_000 + (38 - index) * 32_000_000,
+            100.. => 400_000_000,
+            _ => 12_000_000,
+        };
+        let from_camera = (0..500i64).map(|index| {
+            let exposure = Stamp(index * 33_000_000);
+            let arrival = Stamp(exposure.0 + late(index));
+            validator.validate(exposure, arrival).from_camera
+        });
+        let from_camera: Vec<bool> = from_camera.collect();
+        assert!(from_camera[..100].iter().all(|kept| *kept));
+        assert!(from_camera[200..].iter().all(|kept| !*kept));
     }
 }
