@@ -44,11 +44,19 @@ pub(crate) struct FinishedLog {
     pub summary: LogSummary,
     /// Why the last file could not be closed.
     pub error: Option<String>,
+    /// The last file, if somebody moved or removed it, perhaps with its folder, before it was closed.
+    removed: Option<PathBuf>,
 }
 
 impl FinishedLog {
     /// Why there is no log. None if there is one.
     pub(crate) fn loss(&self) -> Option<String> {
+        if let Some(path) = &self.removed {
+            return Some(format!(
+                "{}: the log was moved or removed while it was written",
+                path.display()
+            ));
+        }
         let error = self.error.as_deref();
         let is_lost = self.summary.files.is_empty();
         is_lost.then(|| {
@@ -217,9 +225,12 @@ impl LogRotation {
             }
             State::Ended => {}
         }
+        let files = &mut self.summary.files;
+        let removed = files.pop_if(|last| !last.exists());
         FinishedLog {
             summary: self.summary,
             error,
+            removed,
         }
     }
 

@@ -9,8 +9,9 @@ use localize::sensors::pose_pairs::VisionPose;
 use localize::{DistanceField, Stamp};
 use pipeline::log::{LogReader, UnpackedSetup};
 use pipeline::run::{RecordingOptions, RecordingRun};
+use pipeline::sample::{ImageContent, Sample};
 use pipeline::setup::Setup;
-use pipeline::{Cycle, PipelineConfig};
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 use crate::commands::arguments::UsageError;
 use crate::commands::inputs::Inputs;
@@ -106,9 +107,31 @@ fn load_log(path: &Path) -> Result<Drive> {
     let unpacked = UnpackedSetup::load(log.header())?;
     let config = unpacked.config()?;
     let mut collector = Collector::new(&unpacked.setup, &config);
+    let mut pipeline = None;
     for logged in log {
-        collector.add_cycle(&logged?.cycle);
         interrupt::check()?;
+        let logged = logged?;
+        let image = match &logged.image {
+            Some(image) if logged.cycle.detections.is_none() => image,
+            _ => {
+                collector.add_cycle(&logged.cycle);
+                continue;
+            }
+        };
+        // A log of `record`: nothing has looked at its images yet.
+        let pipeline = match &mut pipeline {
+            Some(pipeline) => pipeline,
+            absent => absent.insert(Pipeline::new(&unpacked.setup, &config)?),
+        };
+        let mut samples = logged.samples(false)?;
+        if let Some(Sample::Image(last)) = samples.last_mut() {
+            last.content = ImageContent::Pixels(image.decode()?.into());
+        }
+        for sample in samples {
+            if let Some(cycle) = pipeline.process_sample(sample) {
+                collector.add_cycle(&cycle);
+            }
+        }
     }
     Ok(collector.finish(unpacked.setup.robot))
 }
