@@ -27,6 +27,9 @@ const DIFFERENCE_MAX: f32 = 60.0;
 const DIFFERENCE_NOISE: f32 = 6.0;
 /// An image shows a place of the parts if landmarks differ by this factor less there than at another place.
 const RATIO_MIN: f32 = 2.0;
+/// Share of the landmarks that must stand out at the turned place, too, from the median of their radius: in what covers most of a radius, or
+/// in a dark part of an image that is too bright, each place looks like a dark rod.
+const SHOWN_MIN: f32 = 0.8;
 /// A turn is believed if so many of the last 32 images show it, and none after them the parts in place.
 const CONFIRMATIONS: u32 = 6;
 
@@ -173,10 +176,8 @@ impl MountingCheck {
         if variances.is_empty() {
             return Verdict::Undecided;
         }
-        let middle = variances.len() / 2;
-        let (_, median, _) = variances.select_nth_unstable_by(middle, f32::total_cmp);
         // Of a robot at rest everything stays in place.
-        if *median < MOVING_STD * MOVING_STD {
+        if median(&mut variances) < MOVING_STD * MOVING_STD {
             return Verdict::Undecided;
         }
         let landmarks: Vec<usize> = self.landmarks();
@@ -203,7 +204,10 @@ impl MountingCheck {
         };
         let telling: Vec<usize> = landmarks.iter().copied().filter(is_changed).collect();
         let turned = self.turned_difference(image, &telling, best);
-        if telling.len() >= LANDMARKS_MIN && is_better(turned, self.difference_in_place(&telling)) {
+        if telling.len() >= LANDMARKS_MIN
+            && is_better(turned, self.difference_in_place(&telling))
+            && self.shown_share(image, &telling, best) >= SHOWN_MIN
+        {
             Verdict::Turned(90 * best.quarter as u32)
         } else {
             Verdict::Undecided
@@ -227,23 +231,47 @@ impl MountingCheck {
 
     /// The same after a turn.
     fn turned_difference(&self, image: &ImageView<'_>, landmarks: &[usize], turn: Turn) -> f32 {
-        let quarter = turn.quarter;
-        mean_difference(landmarks, |index| match turn.pivot {
+        mean_difference(landmarks, |index| {
+            let level = self.turned_level(image, index, turn);
+            level.map_or(DIFFERENCE_MAX, |level| (level - self.mean[index]).abs())
+        })
+    }
+
+    /// What the image shows of a sample's content after a turn, as near to it as a step of the angle allows. None outside the image.
+    fn turned_level(&self, image: &ImageView<'_>, index: usize, turn: Turn) -> Option<f32> {
+        match turn.pivot {
             // Exact to a sample.
             Pivot::Mirror => [ANGLES - 1, 0, 1]
-                .map(|beside| turned_place(index, quarter, beside))
+                .map(|beside| turned_place(index, turn.quarter, beside))
                 .into_iter()
                 .filter(|&turned| self.pixels[turned].is_some())
-                .map(|turned| (self.levels[turned] - self.mean[index]).abs())
-                .fold(DIFFERENCE_MAX, f32::min),
-            Pivot::Camera => {
-                let place = self.pixels[index]
-                    .and_then(|pixel| turned_px(self.twice_centre_px, pixel, quarter));
-                place.map_or(DIFFERENCE_MAX, |pixel| {
-                    (brightest_channel(image, pixel) - self.mean[index]).abs()
+                .map(|turned| self.levels[turned])
+                .min_by(|a, b| {
+                    let difference = |level: &f32| (level - self.mean[index]).abs();
+                    difference(a).total_cmp(&difference(b))
+                }),
+            Pivot::Camera => self.pixels[index]
+                .and_then(|pixel| turned_px(self.twice_centre_px, pixel, turn.quarter))
+                .map(|pixel| brightest_channel(image, pixel)),
+        }
+    }
+
+    /// Share of landmarks that are darker or brighter than the median of their radius after a turn as well as before.
+    fn shown_share(&self, image: &ImageView<'_>, landmarks: &[usize], turn: Turn) -> f32 {
+        let medians = |values: &[f32]| -> Vec<f32> {
+            let rings = values.chunks_exact(ANGLES);
+            rings.map(|ring| median(&mut ring.to_vec())).collect()
+        };
+        let (before, now) = (medians(&self.mean), medians(&self.levels));
+        let is_shown = |index: &&usize| {
+            let ring = **index / ANGLES;
+            let contrast = self.mean[**index] - before[ring];
+            self.turned_level(image, **index, turn)
+                .is_some_and(|level| {
+                    (level - now[ring]) * contrast.signum() > 0.5 * LANDMARK_CONTRAST
                 })
-            }
-        })
+        };
+        landmarks.iter().filter(is_shown).count() as f32 / landmarks.len().max(1) as f32
     }
 
     /// Samples that stay the same while others change, and differ from the median of their radius.
@@ -251,12 +279,11 @@ impl MountingCheck {
         let mut landmarks = Vec::new();
         for ring in 0..RADII {
             let ring = ring * ANGLES..(ring + 1) * ANGLES;
-            let mut means = self.mean[ring.clone()].to_vec();
-            let (_, median, _) = means.select_nth_unstable_by(ANGLES / 2, f32::total_cmp);
+            let median = median(&mut self.mean[ring.clone()].to_vec());
             landmarks.extend(ring.filter(|&index| {
                 self.pixels[index].is_some()
                     && self.variance[index] < STATIC_STD * STATIC_STD
-                    && (self.mean[index] - *median).abs() > LANDMARK_CONTRAST
+                    && (self.mean[index] - median).abs() > LANDMARK_CONTRAST
             }));
         }
         landmarks
@@ -287,6 +314,12 @@ fn turned_px([cu, cv]: [i32; 2], pixel: [u16; 2], quarter: usize) -> Option<[u16
 fn turned_place(index: usize, quarter: usize, beside: usize) -> usize {
     let (ring, angle) = (index / ANGLES, index % ANGLES);
     ring * ANGLES + (angle + quarter * ANGLES / 4 + beside) % ANGLES
+}
+
+/// The upper median of at least one value.
+fn median(values: &mut [f32]) -> f32 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
 /// Mean of limited differences over some samples.
@@ -378,6 +411,24 @@ mod tests {
                 .map(|number| view(&turned(&picture(number, rods)), &mut check))
                 .collect();
             assert_eq!(named.last(), Some(&Some(90)), "{rods} rods");
+        }
+    }
+
+    #[test]
+    fn too_bright_images_of_which_most_is_covered_show_no_turn() {
+        let mut check = warm_check(3);
+        for number in 0..30 {
+            let mut pixels: Vec<u8> = picture(number, 3)
+                .iter()
+                .map(|level| level.saturating_mul(6))
+                .collect();
+            for (index, pixel) in pixels.chunks_exact_mut(3).enumerate() {
+                let (u, v) = ((index % SIDE) as f32 - 63.0, (index / SIDE) as f32 - 56.0);
+                if math::atan2(v, u) > -1.0 {
+                    pixel.fill(18);
+                }
+            }
+            assert_eq!(view(&pixels, &mut check), None, "{number}");
         }
     }
 
