@@ -20,6 +20,7 @@ pub(crate) mod stderr_writer;
 pub(crate) mod stop_flag;
 pub(crate) mod teleop;
 pub(crate) mod tuning;
+mod unused_images;
 mod wake_probe;
 
 use anyhow::{Result, bail, ensure};

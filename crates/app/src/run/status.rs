@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::latency::{LatencyHistogram, LatencySummary};
 use super::log_rotation::LogSummary;
 use super::stderr_writer::StderrWriter;
+use super::unused_images::{Change, UnusedImages};
 use crate::net::commands::CommandCounts;
 #[cfg(feature = "ros2")]
 use crate::ros2::Ros2Counts;
@@ -35,6 +36,8 @@ pub(crate) struct RunReport {
     pub frames: u64,
     /// Cycles without a usable image.
     pub blind: u64,
+    /// Of these, those with an image that could not be used.
+    pub images_unused: u64,
     /// Cycles in mode tracking.
     pub tracking: u64,
     /// Cycles whose pose was found by the global search.
@@ -157,6 +160,7 @@ pub(crate) struct RunStatus {
     line_shown: bool,
     frames: u64,
     cycles_without_image: u64,
+    unused_images: UnusedImages,
     modes: ModeCounts,
     latency: LatencyHistogram,
     cycle_latency: LatencyHistogram,
@@ -181,6 +185,7 @@ impl RunStatus {
             line_shown: false,
             frames: 0,
             cycles_without_image: 0,
+            unused_images: UnusedImages::default(),
             modes: ModeCounts::default(),
             latency: LatencyHistogram::default(),
             cycle_latency: LatencyHistogram::default(),
@@ -205,6 +210,17 @@ impl RunStatus {
             Mode::Tracking => self.modes.tracking += 1,
             Mode::Global => self.modes.global += 1,
             Mode::Lost => self.modes.lost += 1,
+        }
+        match self.unused_images.count_cycle(cycle) {
+            Some(Change::NotUsed(reason)) => {
+                self.print_line(&format!("images are not used: {reason}"));
+                self.record_change("images", "not used", Some(reason));
+            }
+            Some(Change::UsedAgain) => {
+                self.print_line("images are used again");
+                self.record_change("images", "used", None);
+            }
+            None => {}
         }
         if cycle.detections.is_none() {
             self.cycles_without_image += 1;
@@ -349,6 +365,7 @@ impl RunStatus {
             seconds: self.elapsed(),
             frames: self.frames,
             blind: self.cycles_without_image,
+            images_unused: self.unused_images.count,
             tracking,
             global,
             lost,
@@ -399,8 +416,14 @@ impl RunReport {
     /// Prints the report.
     pub(crate) fn print(&self) {
         println!(
-            "{:.1} s: {} images; {} cycles tracking, {} from global search, {} lost, {} without an image",
-            self.seconds, self.frames, self.tracking, self.global, self.lost, self.blind
+            "{:.1} s: {} images; {} cycles tracking, {} from global search, {} lost, {} without an image, {} with one that could not be used",
+            self.seconds,
+            self.frames,
+            self.tracking,
+            self.global,
+            self.lost,
+            self.blind.saturating_sub(self.images_unused),
+            self.images_unused
         );
         let times = |name: &str, times: LatencySummary| {
             println!(

@@ -1,0 +1,85 @@
+//! Are the camera's images used? Says so once when none was for a second, and when they are again.
+
+use localize::Stamp;
+use pipeline::Cycle;
+
+/// Time without a usable image until that is said, seconds.
+const REPORTED_AFTER: f64 = 1.0;
+
+/// Counts images that could not be used.
+#[derive(Debug, Default)]
+pub(super) struct UnusedImages {
+    /// Number of them.
+    pub(super) count: u64,
+    since: Option<Stamp>,
+    is_reported: bool,
+}
+
+/// A change that is to be said.
+#[derive(Debug, PartialEq)]
+pub(super) enum Change {
+    /// For this reason.
+    NotUsed(String),
+    UsedAgain,
+}
+
+impl UnusedImages {
+    /// Takes a cycle. Cycles without an image change nothing.
+    pub(super) fn count_cycle(&mut self, cycle: &Cycle) -> Option<Change> {
+        let Some(fault) = &cycle.image_fault else {
+            let is_used = cycle.detections.is_some();
+            let was_reported = is_used && std::mem::take(&mut self.is_reported);
+            if is_used {
+                self.since = None;
+            }
+            return was_reported.then_some(Change::UsedAgain);
+        };
+        self.count += 1;
+        let since = *self.since.get_or_insert(cycle.stamp);
+        if self.is_reported || cycle.stamp - since < REPORTED_AFTER {
+            return None;
+        }
+        self.is_reported = true;
+        Some(Change::NotUsed(fault.clone()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cycle(seconds: f64, fault: Option<&str>) -> Cycle {
+        let mut cycle = pipeline::testing::random_cycle(0);
+        cycle.stamp = Stamp::from_seconds(seconds);
+        cycle.image_fault = fault.map(str::to_owned);
+        cycle.detections = fault.is_none().then(Default::default);
+        cycle
+    }
+
+    #[test]
+    fn images_of_a_wrong_size_are_said_once_after_a_second_and_their_end_too() {
+        let mut images = UnusedImages::default();
+        let mut changes = Vec::new();
+        for k in 0..90 {
+            let fault = (10..60).contains(&k).then_some("480 x 480 pixels");
+            if let Some(change) = images.count_cycle(&cycle(f64::from(k) / 30.0, fault)) {
+                changes.push((k, change));
+            }
+        }
+        let said = Change::NotUsed("480 x 480 pixels".to_owned());
+        assert_eq!(changes, [(40, said), (60, Change::UsedAgain)]);
+        assert_eq!(images.count, 50);
+    }
+
+    #[test]
+    fn single_unusable_images_are_counted_alone() {
+        let mut images = UnusedImages::default();
+        let changes: usize = (0..300)
+            .filter_map(|k| {
+                let fault = (k % 2 == 0).then_some("torn");
+                images.count_cycle(&cycle(f64::from(k) / 30.0, fault))
+            })
+            .count();
+        assert_eq!((changes, images.count), (0, 150));
+    }
+}
