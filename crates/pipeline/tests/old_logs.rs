@@ -23,10 +23,7 @@ fn a_log_of_version_0_1_0_verifies_with_its_own_settings() {
     config.localize.filter.odometry_noise_per_metre = 0.05;
     // The defaults were others.
     config.vision.objects.robot_range_max = 7.0;
-    for tracks in [
-        &mut config.localize.world.ball,
-        &mut config.localize.world.robots,
-    ] {
+    for tracks in [&mut config.world.ball, &mut config.world.robots] {
         tracks.false_alarm_probability = 0.08;
     }
 

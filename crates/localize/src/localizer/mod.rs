@@ -5,6 +5,7 @@
 //! decide between them (Ambiguous). `state` holds the states, `transitions` what leads from one to another.
 
 mod candidates;
+mod carried_back;
 mod cooperative_config;
 mod evidence;
 mod field_half;
@@ -52,6 +53,7 @@ use crate::sample::{Compass, GoalObservation, LinePoint};
 use crate::stamp::Stamp;
 
 use candidates::Candidates;
+use carried_back::carry_back;
 pub use cooperative_config::CooperativeConfig;
 use field_half::HalfEvidence;
 pub use field_half::HalfState;
@@ -346,7 +348,8 @@ impl Localizer {
             }
             if !is_out_of_order || self.out_of_order_count > 0 {
                 let reason = Some(Reason::OutOfOrder);
-                return self.estimate(stamp, reason, MatchFigures::default(), Vec::new());
+                let estimate = self.estimate(stamp, reason, MatchFigures::default(), Vec::new());
+                return carry_back(estimate, self.filter_stamp);
             }
         }
         self.tilt_variances = None;

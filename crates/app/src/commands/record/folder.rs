@@ -26,7 +26,7 @@ pub(super) struct FolderRecorder {
     compass: Table,
     magnetometer: Table,
     images: SyncSender<CapturedImage>,
-    image_thread: JoinHandle<Result<u64>>,
+    image_thread: JoinHandle<(u64, Result<()>)>,
     images_dropped: u64,
 }
 
@@ -53,12 +53,12 @@ impl Table {
     }
 
     /// Completes the table; an empty one is removed.
-    fn finish(self) -> Result<u64> {
+    fn finish(self) -> Result<()> {
         self.file.finish()?;
         if self.rows == 0 {
             std::fs::remove_file(&self.path)?;
         }
-        Ok(self.rows)
+        Ok(())
     }
 }
 
@@ -136,27 +136,39 @@ impl FolderRecorder {
         }
     }
 
-    pub(super) fn finish(self) -> Result<Counts> {
+    /// What was recorded, and why not more.
+    pub(super) fn finish(self) -> (Counts, Result<()>) {
         drop(self.images);
-        let frames = self
+        let (frames, images) = self
             .image_thread
             .join()
-            .map_err(|_panic| anyhow!("the thread that writes images panicked"))??;
-        self.magnetometer.finish()?;
-        Ok(Counts {
+            .unwrap_or_else(|_panic| (0, Err(anyhow!("the thread that writes images panicked"))));
+        let mut written = images;
+        let mut rows = |table: Table| {
+            let rows = table.rows;
+            written = std::mem::replace(&mut written, Ok(())).and(table.finish());
+            rows
+        };
+        let counts = Counts {
             frames,
             images_dropped: self.images_dropped,
-            odometry: self.odometry.finish()?,
-            imu: self.imu.finish()?,
-            compass: self.compass.finish()?,
-        })
+            odometry: rows(self.odometry),
+            imu: rows(self.imu),
+            compass: rows(self.compass),
+        };
+        rows(self.magnetometer);
+        (counts, written)
     }
 }
 
-/// Writes images and frames.csv until the queue ends; returns their number.
-fn write_images(folder: &Path, queue: &Receiver<CapturedImage>) -> Result<u64> {
-    let mut table = CsvWriter::create(&folder.join("frames.csv"), "stamp_s,file")?;
+/// Writes images and frames.csv until the queue ends or the disk refuses; returns their number.
+fn write_images(folder: &Path, queue: &Receiver<CapturedImage>) -> (u64, Result<()>) {
+    let mut table = match CsvWriter::create(&folder.join("frames.csv"), "stamp_s,file") {
+        Ok(table) => table,
+        Err(error) => return (0, Err(error)),
+    };
     let mut frames = 0;
+    let mut written = Ok(());
     for image in queue {
         let stamp = format_seconds(image.stamp);
         // An image that the camera cut off is left out.
@@ -164,10 +176,20 @@ fn write_images(folder: &Path, queue: &Receiver<CapturedImage>) -> Result<u64> {
             continue;
         };
         let file = format!("frames/{frames:06}.png");
-        rgb.save(&folder.join(&file))?;
-        table.write_row(format_args!("{stamp},{file}"))?;
+        let path = folder.join(&file);
+        written = rgb
+            .save(&path)
+            .with_context(|| format!("cannot write {}", path.display()));
+        if written.is_err() {
+            // Half an image. Its space is enough for what the tables still hold.
+            let _refused = std::fs::remove_file(&path);
+            break;
+        }
+        written = table.write_row(format_args!("{stamp},{file}"));
+        if written.is_err() {
+            break;
+        }
         frames += 1;
     }
-    table.finish()?;
-    Ok(frames)
+    (frames, written.and(table.finish()))
 }

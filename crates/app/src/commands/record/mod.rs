@@ -7,7 +7,7 @@ mod log;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use hw::{BaseDriver, DeviceEvent, Devices, EventQueue, HardwareConfig};
 use localize::Field;
 use localize::robot::RobotConfig;
@@ -106,17 +106,27 @@ fn record_folder(
     let partial = PartialFolder::create(&args.out)?;
     header("record", robot)?.write_files(partial.path())?;
     let mut recorder = FolderRecorder::start(partial.path())?;
-    record(args, robot, hardware, stop, |event| {
+    let recorded = record(args, robot, hardware, stop, |event| {
         if let DeviceEvent::Health(health) = &event {
             eprintln!("{}", health_text(health));
         }
         recorder.write(event)
-    })?;
-    let counts = recorder.finish()?;
+    });
+    let (counts, written) = recorder.finish();
+    // The thread that writes images knows the reason.
+    let outcome = written.and(recorded);
     if counts.frames == 0 {
+        outcome?;
         bail!(no_image(args));
     }
     partial.finish()?;
+    outcome.with_context(|| {
+        format!(
+            "{}: the recording ended early, with {} images",
+            args.out.display(),
+            counts.frames
+        )
+    })?;
     Ok(Outcome {
         counts,
         out: args.out.clone(),
