@@ -466,19 +466,34 @@ fn nan_points_are_ignored() {
 fn out_of_order_image_is_rejected_and_clock_reset_accepted() {
     let mut localizer = localizer();
     let mut frames = drive(10, SyntheticDriveConfig::default());
-    let mut newest = None;
+    let mut shown = Vec::new();
     for _ in 0..30 {
         let frame = frames.next().expect("an endless drive");
         localizer.add_odometry(&frame.odometry);
         localizer.add_compass(&frame.compass);
-        newest = localizer.process_points(frame.stamp, &frame.points).pose;
+        localizer.process_points(frame.stamp, &frame.points);
+        shown.push((frame.stamp, frame.true_pose));
     }
     let frame = frames.next().expect("an endless drive");
+    // An image of another place, 0.1 s before the last one: the pose is that of its own time, and it changes nothing.
+    let (stamp, truth) = shown[26];
+    let elsewhere = drive(11, SyntheticDriveConfig::default()).next();
+    let late = localizer.process_points(stamp, &elsewhere.expect("a frame").points);
+    assert_eq!(late.reason, Some(Reason::OutOfOrder));
+    let pose = late.pose.expect("a pose");
+    let std = (late.covariance[(0, 0)] + late.covariance[(1, 1)]).sqrt();
+    assert!(std < 0.08, "{std}");
+    assert!(
+        position_error(pose, truth) < 2.0 * std,
+        "{pose:?} {truth:?}"
+    );
+    assert!(
+        position_error(truth, shown[29].1) > 0.1,
+        "the robot has moved"
+    );
     let early = Stamp::from_seconds(0.1);
-    let estimate = localizer.process_points(early, &frame.points);
-    assert_eq!(estimate.reason, Some(Reason::OutOfOrder));
-    assert_eq!(estimate.pose, newest);
-    let mut again = estimate;
+    let mut again = localizer.process_points(early, &frame.points);
+    assert_eq!(again.reason, Some(Reason::OutOfOrder));
     for k in 0..10 {
         let stamp = Stamp::from_seconds(0.2 + 0.03 * f64::from(k));
         let heading = frame.true_pose.theta;

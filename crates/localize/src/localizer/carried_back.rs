@@ -9,8 +9,10 @@ use crate::stamp::Stamp;
 
 /// Poses are carried back by at most this time, seconds.
 const CARRIED_BACK_MAX: f32 = 1.0;
-/// Accelerations that a robot may have had meanwhile, one standard deviation: m/s² and rad/s².
-const UNEVEN_ACCELERATION: [f32; 2] = [3.0, 10.0];
+/// Errors of the twist, as wheels alone tell it, and accelerations that the robot may have had meanwhile, one standard deviation: m/s and
+/// rad/s, m/s² and rad/s².
+const TWIST_STD: [f32; 2] = [0.3, 0.3];
+const ACCELERATION_STD: [f32; 2] = [3.0, 10.0];
 
 /// Carries the pose of a later time back to the estimate's stamp, as if the robot had moved evenly; by how much it did not is a part of
 /// the covariance.
@@ -30,8 +32,10 @@ pub(super) fn carry_back(estimate: Estimate, later: Stamp) -> Estimate {
         pose.y + sin * x + cos * y,
         wrap_angle(pose.theta + turn),
     );
-    let [position, heading] =
-        UNEVEN_ACCELERATION.map(|acceleration| (0.5 * acceleration * seconds * seconds).powi(2));
+    let [position, heading] = [0, 1].map(|k| {
+        let uneven = 0.5 * ACCELERATION_STD[k] * seconds * seconds;
+        (TWIST_STD[k] * seconds).powi(2) + uneven.powi(2)
+    });
     let uneven = Matrix3::from_diagonal(&Vector3::new(position, position, heading));
     Estimate {
         pose: Some(carried),
@@ -68,7 +72,7 @@ mod tests {
             "{pose:?}"
         );
         assert!((pose.theta + 0.1).abs() < 1e-5, "{pose:?}");
-        assert!((carried.covariance[(0, 0)] - 1e-4 - 0.06f32.powi(2)).abs() < 1e-6);
+        assert!((carried.covariance[(0, 0)] - 1e-4 - 2.0 * 0.06f32.powi(2)).abs() < 1e-6);
         // Now, and from a clock of another time.
         for seconds in [0.0, 5.0] {
             assert_eq!(carry_back(at(seconds), later), at(seconds));
