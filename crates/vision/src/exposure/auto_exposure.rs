@@ -43,12 +43,14 @@ pub struct ExposureState {
 pub struct AutoExposure {
     pub(super) config: AutoExposureConfig,
     camera: Option<CameraControl>,
-    /// Own body and nearest carpet: always visible.
-    centre_pixels: Vec<[u16; 2]>,
+    /// Own body and nearest carpet in all directions, by sectors of the azimuth.
+    centre_sectors: Vec<Vec<[u16; 2]>>,
     /// The whole mirror.
     scene_pixels: Vec<[u16; 2]>,
     pub(super) state: ExposureState,
+    /// Levels of one sector, and of all sectors, of an image.
     levels: Vec<u8>,
+    sector_levels: Vec<f32>,
 }
 
 /// Images after the usual delay of a command until what the camera reports is taken as its result.
@@ -68,6 +70,13 @@ const INITIAL_RESPONSE: f32 = 0.65;
 /// Pixels read of the centre and of the scene: enough for statistics, read in 20 µs.
 const CENTRE_PIXELS: usize = 1500;
 const SCENE_PIXELS: usize = 4000;
+/// Sectors of the centre: small beside a robot that stands close, with some 90 pixels each.
+const SECTORS: usize = 16;
+/// Sectors of fewer pixels are not measured: little of them lies in the image.
+const SECTOR_PIXELS_MIN: usize = 10;
+/// Which of the sectors are measured, as shares of all from the brightest one on: dark objects may cover the half behind
+/// them, a glare or a white robot may light those before.
+const MEASURED_SECTORS: std::ops::Range<f32> = 0.15..0.4;
 
 impl AutoExposure {
     /// Selects the pixels to measure; `control`: `[exposure]` of robot.toml.
@@ -137,7 +146,7 @@ impl AutoExposure {
         Ok(AutoExposure {
             config: config.clone(),
             camera: control,
-            centre_pixels: subsample(&centre, CENTRE_PIXELS),
+            centre_sectors: sectors(&subsample(&centre, CENTRE_PIXELS), camera.centre_px),
             scene_pixels: subsample(&scene, SCENE_PIXELS),
             state: ExposureState {
                 image_index: 0,
@@ -154,6 +163,7 @@ impl AutoExposure {
                 warned: false,
             },
             levels: Vec::new(),
+            sector_levels: Vec::new(),
         })
     }
 
@@ -322,7 +332,8 @@ impl AutoExposure {
         true
     }
 
-    /// Interquartile mean of the centre's brightness, of 255: robust to objects that cross it.
+    /// Brightness of the centre, of 255: mean of the sectors of [`MEASURED_SECTORS`], so that objects which cover half of the
+    /// centre are not taken for a change of the light.
     fn level(&mut self, image: &ImageView<'_>) -> Option<f32> {
         let inside =
             |[u, v]: [u16; 2]| usize::from(u) < image.width_px && usize::from(v) < image.height_px;
@@ -330,16 +341,26 @@ impl AutoExposure {
         if !inside(last) || image.check(image.width_px, image.height_px).is_err() {
             return None;
         }
-        self.levels.clear();
-        self.levels.extend(self.centre_pixels.iter().map(|&[u, v]| {
-            let [r, g, b] = image.rgb(usize::from(u), usize::from(v)).map(u32::from);
-            ((r + 2 * g + b) / 4) as u8
-        }));
-        self.levels.sort_unstable();
-        let count = self.levels.len();
-        let middle = &self.levels[count / 4..count - count / 4];
-        let sum: u32 = middle.iter().map(|&level| u32::from(level)).sum();
-        Some(sum as f32 / middle.len().max(1) as f32)
+        self.sector_levels.clear();
+        for pixels in &self.centre_sectors {
+            self.levels.clear();
+            self.levels.extend(pixels.iter().map(|&[u, v]| {
+                let [r, g, b] = image.rgb(usize::from(u), usize::from(v)).map(u32::from);
+                ((r + 2 * g + b) / 4) as u8
+            }));
+            self.levels.sort_unstable();
+            let count = self.levels.len();
+            let middle = &self.levels[count / 4..count - count / 4];
+            let sum: u32 = middle.iter().map(|&level| u32::from(level)).sum();
+            self.sector_levels
+                .push(sum as f32 / middle.len().max(1) as f32);
+        }
+        self.sector_levels.sort_unstable_by(|a, b| b.total_cmp(a));
+        let count = self.sector_levels.len();
+        let from = (MEASURED_SECTORS.start * count as f32) as usize;
+        let to = ((MEASURED_SECTORS.end * count as f32) as usize).max(from + 1);
+        let measured = &self.sector_levels[from..to];
+        Some(measured.iter().sum::<f32>() / measured.len() as f32)
     }
 }
 
@@ -354,4 +375,17 @@ fn shows_effect(before: f32, level: f32, ratio: f32) -> bool {
 fn subsample(pixels: &[[u16; 2]], count_min: usize) -> Vec<[u16; 2]> {
     let step = (pixels.len() / count_min).max(1);
     pixels.iter().step_by(step).copied().collect()
+}
+
+/// The pixels by sectors of their azimuth about `centre_px`, without sectors of which too little lies in the image.
+fn sectors(pixels: &[[u16; 2]], centre_px: [f32; 2]) -> Vec<Vec<[u16; 2]>> {
+    let mut sectors = vec![Vec::new(); SECTORS];
+    for &[u, v] in pixels {
+        let (right, down) = (f32::from(u) - centre_px[0], f32::from(v) - centre_px[1]);
+        let turn = 0.5 + math::atan2(down, right) / std::f32::consts::TAU;
+        sectors[((turn * SECTORS as f32) as usize).min(SECTORS - 1)].push([u, v]);
+    }
+    let largest = sectors.iter().map(Vec::len).max().unwrap_or(0);
+    sectors.retain(|pixels| pixels.len() >= SECTOR_PIXELS_MIN.min(largest));
+    sectors
 }

@@ -86,6 +86,17 @@ fn simulate_exposure(
     frames: usize,
     light: impl Fn(usize) -> f32,
 ) -> (Vec<f32>, AutoExposure) {
+    simulate_images(frames, light, |taken, index| {
+        synthetic_image(taken, gamma, index)
+    })
+}
+
+/// The same with other images; `image`: by the light it is taken with, and its number.
+fn simulate_images(
+    frames: usize,
+    light: impl Fn(usize) -> f32,
+    image: impl Fn(f32, usize) -> Image,
+) -> (Vec<f32>, AutoExposure) {
     let control = control();
     let mut auto_exposure = AutoExposure::new(
         &map(),
@@ -104,10 +115,22 @@ fn simulate_exposure(
         }
         let taken = control.light(setting) * light(index);
         lights.push(taken);
-        let status = auto_exposure.process(&synthetic_image(taken, gamma, index).view(), None);
+        let status = auto_exposure.process(&image(taken, index).view(), None);
         commands.extend(status.and_then(|status| status.command));
     }
     (lights, auto_exposure)
+}
+
+/// An image that is dark in this angle of the view, as behind robots that stand close.
+fn covered_image(light: f32, index: usize, angle_deg: f32) -> Image {
+    let mut image = synthetic_image(light, 0.45, index);
+    for (pixel, rgb) in image.rgb.chunks_exact_mut(3).enumerate() {
+        let (u, v) = ((pixel % SIZE) as f32 - 60.0, (pixel / SIZE) as f32 - 60.0);
+        if u.hypot(v) > 8.0 && v.atan2(u).to_degrees() + 180.0 < angle_deg {
+            rgb.fill((255.0 * (0.02 * light).powf(0.45)).min(255.0) as u8);
+        }
+    }
+    image
 }
 
 #[test]
@@ -128,6 +151,36 @@ fn exposure_settles_within_10_images_after_a_light_step() {
                 "still searching"
             );
         }
+    }
+}
+
+#[test]
+fn objects_that_cover_half_of_the_view_do_not_change_the_exposure() {
+    for angle in [90.0, 150.0, 210.0] {
+        let (lights, _) = simulate_images(
+            160,
+            |_| 1.0,
+            |light, index| {
+                let covered = (60..110).contains(&index);
+                covered_image(light, index, if covered { angle } else { 0.0 })
+            },
+        );
+        let ratios = lights[60..].iter().map(|light| (light / lights[59]).ln());
+        let worst = ratios.fold(0.0f32, |worst, ratio| worst.max(ratio.abs()));
+        assert!(worst < 0.25, "{angle} degrees: {worst} {:?}", &lights[55..]);
+    }
+}
+
+#[test]
+fn light_that_falls_or_rises_while_half_of_the_view_is_covered_is_followed() {
+    for factor in [0.25, 4.0] {
+        let (lights, _) = simulate_images(
+            130,
+            |index| if index < 90 { 1.0 } else { factor },
+            |light, index| covered_image(light, index, if index < 60 { 0.0 } else { 180.0 }),
+        );
+        let rest = (lights[105] / lights[59]).ln();
+        assert!(rest.abs() < 0.35, "{factor}: {:?}", &lights[55..]);
     }
 }
 
