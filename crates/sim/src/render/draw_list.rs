@@ -173,33 +173,41 @@ impl DrawListBuilder<'_> {
         });
     }
 
-    /// Adds a person: shoes, two legs in mid-stride, upper body and head.
+    /// Adds a person: shoes, two legs in mid-stride, hips, upper body, arms and head.
     fn add_person(&mut self, person: &Person) {
         let Pose { x, y, theta, .. } = person.pose;
         let (sin, cos) = theta.sin_cos();
         let [trousers, shirt] = person.colours.map(linear);
+        let skin = linear([196, 154, 130]);
         let round = |radius: f32| Outline::Circle { radius };
+        let square = |half: [f32; 2]| Outline::Box { half, cos, sin };
         let first = self.list.primitives.len();
         let mut part =
-            |[ahead, left]: [f32; 2], bottom: f32, top: f32, radius: f32, colour: [f32; 3]| {
+            |[ahead, left]: [f32; 2], bottom: f32, top: f32, outline: Outline, colour: [f32; 3]| {
                 self.add_solid(Solid {
                     x: x + cos * ahead - sin * left,
                     y: y + sin * ahead + cos * left,
                     bottom,
                     top,
-                    outline: round(radius),
+                    outline,
                     side: colour,
                     cap: colour,
                 });
             };
         let stride = person.stride();
-        for (side, ahead) in [(0.11, stride), (-0.11, -stride)] {
-            part([ahead, side], 0.0, 0.09, 0.07, linear([45, 42, 42]));
-            part([0.7 * ahead, side], 0.09, 0.5, 0.065, trousers);
-            part([0.2 * ahead, side], 0.5, 0.9, 0.085, trousers);
+        for (side, ahead) in [(0.1, stride), (-0.1, -stride)] {
+            let shoe = square([0.14, 0.05]);
+            part([ahead + 0.06, side], 0.0, 0.08, shoe, linear([45, 42, 42]));
+            part([0.7 * ahead, side], 0.07, 0.5, round(0.07), trousers);
+            part([0.25 * ahead, side], 0.5, 0.85, round(0.09), trousers);
+            // Arms swing against the legs.
+            let arm = [-0.5 * ahead, 2.5 * side];
+            part(arm, 0.8, 0.95, round(0.04), skin);
+            part([0.5 * arm[0], arm[1]], 0.95, 1.42, round(0.05), shirt);
         }
-        part([0.0, 0.0], 0.9, 1.5, 0.2, shirt);
-        part([0.0, 0.0], 1.52, 1.76, 0.1, linear([196, 154, 130]));
+        part([0.0, 0.0], 0.85, 1.0, square([0.11, 0.17]), trousers);
+        part([0.0, 0.0], 1.0, 1.48, square([0.12, 0.21]), shirt);
+        part([0.0, 0.0], 1.52, 1.76, round(0.1), skin);
         let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
         // Parts of a person keep their order, as those of a robot.
         for primitive in &mut self.list.primitives[first..] {
