@@ -146,17 +146,26 @@ impl<'a> CsvRow<'a> {
     }
 }
 
-/// A CSV file that gets its name only when it is complete.
+/// A CSV file that is written row by row.
 pub struct CsvWriter {
     path: PathBuf,
     out: OutputFile,
 }
 
 impl CsvWriter {
-    /// Starts the file with its header line. Links are followed; pipes and devices are written directly.
+    /// Starts a file that gets its name only when it is complete. Links are followed; pipes and devices are written directly.
     pub fn create(path: &Path, header: &str) -> Result<Self> {
-        let out =
-            OutputFile::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+        CsvWriter::start(path, header, OutputFile::create(path))
+    }
+
+    /// Starts a file that has its name from the start, for a folder that appears when it is complete: the rows before
+    /// [`CsvWriter::flush`] outlive a killed process.
+    pub fn create_in_place(path: &Path, header: &str) -> Result<Self> {
+        CsvWriter::start(path, header, OutputFile::create_in_place(path))
+    }
+
+    fn start(path: &Path, header: &str, out: std::io::Result<OutputFile>) -> Result<Self> {
+        let out = out.with_context(|| format!("cannot write {}", path.display()))?;
         let mut writer = CsvWriter {
             path: path.to_owned(),
             out,
@@ -168,6 +177,13 @@ impl CsvWriter {
     /// Adds one line.
     pub fn write_row(&mut self, row: std::fmt::Arguments<'_>) -> Result<()> {
         writeln!(self.out, "{row}").with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    /// Passes all rows to the system.
+    pub fn flush(&mut self) -> Result<()> {
+        self.out
+            .flush()
+            .with_context(|| format!("cannot write {}", self.path.display()))
     }
 
     /// Completes the file and gives it its name.

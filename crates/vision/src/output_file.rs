@@ -7,6 +7,10 @@ use std::path::{Path, PathBuf};
 /// Most unfinished files of one name that this process and killed ones of its number leave.
 const PARTS_MAX: u32 = 10_000;
 
+/// Buffer of a file that is written in place, bytes. What is written between two flushes fits in it, so that a killed process
+/// leaves whole lines.
+const IN_PLACE_BUFFER: usize = 1 << 18;
+
 /// A name that a file gets when it is complete. Until then its content has a name of this process alone.
 ///
 /// Several processes that write one output therefore never mix: the last one to complete it wins. Dropping it without
@@ -14,7 +18,7 @@ const PARTS_MAX: u32 = 10_000;
 #[derive(Debug)]
 pub struct PendingName {
     path: PathBuf,
-    /// The unfinished file. None for a pipe or device, and after the file has its name.
+    /// The unfinished file. None for a pipe or device, and when the file has its name.
     part: Option<PathBuf>,
 }
 
@@ -77,6 +81,16 @@ impl OutputFile {
     pub fn create(path: &Path) -> Result<Self> {
         let (name, file) = PendingName::create(path)?;
         let out = BufWriter::new(file);
+        Ok(OutputFile { out, name })
+    }
+
+    /// Starts a file that has its name from the start: what is flushed outlives a killed process. Errors if the name is taken.
+    pub fn create_in_place(path: &Path) -> Result<Self> {
+        let out = BufWriter::with_capacity(IN_PLACE_BUFFER, File::create_new(path)?);
+        let name = PendingName {
+            path: path.to_owned(),
+            part: None,
+        };
         Ok(OutputFile { out, name })
     }
 

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow};
 use hw::DeviceEvent;
@@ -17,6 +18,8 @@ use crate::run::raw_image::raw_image;
 
 /// Images that wait for the disk: a second.
 const IMAGE_QUEUE_CAPACITY: usize = 30;
+/// Period in which tables are passed to the system: what a killed process loses.
+const FLUSH_PERIOD: Duration = Duration::from_secs(1);
 
 /// The tables of the folder, and the thread that writes its images.
 pub(super) struct FolderRecorder {
@@ -28,6 +31,7 @@ pub(super) struct FolderRecorder {
     images: SyncSender<CapturedImage>,
     image_thread: JoinHandle<(u64, Result<()>)>,
     images_dropped: u64,
+    flushed: Instant,
 }
 
 /// A table and its number of rows.
@@ -41,7 +45,7 @@ impl Table {
     fn create(folder: &Path, name: &str, columns: &str) -> Result<Self> {
         let path = folder.join(name);
         Ok(Table {
-            file: CsvWriter::create(&path, columns)?,
+            file: CsvWriter::create_in_place(&path, columns)?,
             path,
             rows: 0,
         })
@@ -82,10 +86,17 @@ impl FolderRecorder {
             images,
             image_thread,
             images_dropped: 0,
+            flushed: Instant::now(),
         })
     }
 
     pub(super) fn write(&mut self, event: DeviceEvent) -> Result<()> {
+        if self.flushed.elapsed() >= FLUSH_PERIOD {
+            self.flushed = Instant::now();
+            for table in self.tables() {
+                table.file.flush()?;
+            }
+        }
         match event {
             DeviceEvent::Image(image) => self.write_image(image),
             DeviceEvent::Odometry(sample) => {
@@ -107,6 +118,15 @@ impl FolderRecorder {
             | DeviceEvent::Kicker(_)
             | DeviceEvent::Switches(_) => Ok(()),
         }
+    }
+
+    fn tables(&mut self) -> [&mut Table; 4] {
+        [
+            &mut self.odometry,
+            &mut self.imu,
+            &mut self.compass,
+            &mut self.magnetometer,
+        ]
     }
 
     fn write_compass(&mut self, sample: &Compass) -> Result<()> {
@@ -163,7 +183,7 @@ impl FolderRecorder {
 
 /// Writes images and frames.csv until the queue ends or the disk refuses; returns their number.
 fn write_images(folder: &Path, queue: &Receiver<CapturedImage>) -> (u64, Result<()>) {
-    let mut table = match CsvWriter::create(&folder.join("frames.csv"), "stamp_s,file") {
+    let mut table = match CsvWriter::create_in_place(&folder.join("frames.csv"), "stamp_s,file") {
         Ok(table) => table,
         Err(error) => return (0, Err(error)),
     };
@@ -185,7 +205,9 @@ fn write_images(folder: &Path, queue: &Receiver<CapturedImage>) -> (u64, Result<
             let _refused = std::fs::remove_file(&path);
             break;
         }
-        written = table.write_row(format_args!("{stamp},{file}"));
+        written = table
+            .write_row(format_args!("{stamp},{file}"))
+            .and_then(|()| table.flush());
         if written.is_err() {
             break;
         }
