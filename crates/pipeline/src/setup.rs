@@ -14,6 +14,8 @@ use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
 use vision::optics::map_basis;
 use vision::{GroundMap, Mount, Profile, optics};
 
+use crate::recording::Table;
+
 /// A robot and its field, loaded and validated.
 #[derive(Clone)]
 pub struct Setup {
@@ -31,6 +33,34 @@ pub struct Setup {
     pub viewpoint_height: Option<f32>,
     /// The mirror whose ideal mount gave the ground map. None for a calibrated map.
     pub traced_mirror: Option<Profile>,
+    /// What measures: messages name the keys of devices, or the columns of tables.
+    pub sensors: SensorSource,
+}
+
+/// Where samples of wheels, compass and inertial unit come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SensorSource {
+    /// Tables of a recording.
+    #[default]
+    Tables,
+    /// Devices of hardware.toml.
+    Devices,
+}
+
+impl SensorSource {
+    /// Where the operator finds a sensor.
+    pub fn place(self, table: Table) -> &'static str {
+        match (self, table) {
+            (SensorSource::Tables, Table::Images) => "frames.csv",
+            (SensorSource::Tables, Table::Odometry) => "odometry.csv",
+            (SensorSource::Tables, Table::Compass) => "compass.csv",
+            (SensorSource::Tables, Table::Imu) => "imu.csv",
+            (SensorSource::Devices, Table::Images) => "[camera] of hardware.toml",
+            (SensorSource::Devices, Table::Odometry) => "[base] of hardware.toml",
+            (SensorSource::Devices, Table::Compass) => "the compass of hardware.toml",
+            (SensorSource::Devices, Table::Imu) => "the inertial unit of hardware.toml",
+        }
+    }
 }
 
 impl Setup {
@@ -81,6 +111,7 @@ impl Setup {
             mask: None,
             viewpoint_height: None,
             traced_mirror: None,
+            sensors: SensorSource::default(),
         }
     }
 
@@ -116,6 +147,7 @@ impl Setup {
             viewpoint_height: profile.as_ref().map(profile_viewpoint_height),
             traced_mirror: profile.filter(|profile| is_traced(camera.as_ref(), profile)),
             camera,
+            sensors: SensorSource::default(),
         })
     }
 }

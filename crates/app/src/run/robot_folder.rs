@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use hw::HardwareConfig;
 
-use pipeline::setup::Setup;
+use pipeline::setup::{SensorSource, Setup};
 
 /// A robot's configuration and its devices, checked.
 pub(crate) struct RobotFolder {
@@ -21,7 +21,10 @@ impl RobotFolder {
     /// Reads robot.toml and hardware.toml of a folder, or of the folder of a robot.toml.
     pub(crate) fn load(path: &Path) -> Result<Self> {
         let RobotPaths { folder, robot_file } = RobotPaths::resolve(path)?;
-        let setup = Setup::load(&robot_file, None)?;
+        let setup = Setup {
+            sensors: SensorSource::Devices,
+            ..Setup::load(&robot_file, None)?
+        };
         let hardware = HardwareConfig::load(&folder.join("hardware.toml"))?;
         if hardware.camera.is_some() && setup.robot.camera.is_none() {
             bail!(

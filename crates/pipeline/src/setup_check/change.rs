@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
 use super::variant::SetupVariant;
-use crate::setup::Setup;
+use crate::setup::{SensorSource, Setup};
 
 /// Largest correction of the wheels that a filter learns while driving, as a share of the motion at the wheels.
 const LEARNED_CORRECTION_MAX: f32 = 0.3;
@@ -139,6 +139,7 @@ impl Change {
 
     /// The edit to make; `after`: the variant with the change.
     pub(super) fn text(&self, setup: &Setup, after: &SetupVariant) -> String {
+        let is_live = setup.sensors == SensorSource::Devices;
         match self {
             Change::Field(path, _) => {
                 format!("robot.toml: field = {:?}", path.display().to_string())
@@ -149,6 +150,14 @@ impl Change {
                 format!("field.toml: {}", edits.collect::<Vec<_>>().join(", "))
             }
             Change::Mount { quarters, mirrored } => mount_text(setup, after, *quarters, *mirrored),
+            Change::CompassTurn(degrees) if is_live => {
+                format!("hardware.toml: add {degrees} to north_deg of the compass")
+            }
+            Change::CompassMirrored(degrees) if is_live => {
+                format!(
+                    "hardware.toml: clockwise of the compass is the other way round (then north_deg = {degrees} less the present one)"
+                )
+            }
             Change::CompassTurn(degrees) => {
                 format!(
                     "compass.csv: turn heading_rad by {degrees} degrees (the compass is mounted so)"
@@ -164,6 +173,11 @@ impl Change {
                 )
             }
             Change::CameraTurn(angle) => turn_text(setup, after, *angle),
+            Change::OdometryScale(scale) if is_live => {
+                format!(
+                    "robot.toml: multiply the wheels' radii by {scale}, or the base counts in another unit"
+                )
+            }
             Change::OdometryScale(scale) if *scale < 1.0 => {
                 let unit = if *scale < 0.005 {
                     "millimetres"
@@ -190,6 +204,9 @@ impl Change {
                         .then(|| format!("change the sign of {}", negated.join(" and "))),
                 ];
                 let edits: Vec<String> = edits.into_iter().flatten().collect();
+                if is_live {
+                    return "robot.toml: the wheels' order and directions, or hardware.toml: reversed of [base] (`mirrorball calibrate wheels` measures them)".to_owned();
+                }
                 format!(
                     "odometry.csv: {} (x is forward, y left, turns are counter-clockwise)",
                     edits.join(", then ")
@@ -353,6 +370,31 @@ fn mount_text(setup: &Setup, after: &SetupVariant, quarters: u8, mirrored: bool)
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn edits_name_what_the_operator_can_change() {
+        let field = localize::Field::new(FieldConfig::default()).expect("a field");
+        let mut setup = Setup::without_camera(field);
+        let text = |setup: &Setup, change: &Change| {
+            change.text(setup, &SetupVariant::configured(setup))
+        };
+        let exchanged = Change::OdometryAxes {
+            exchanged: true,
+            signs: [1.0; 3],
+        };
+        let changes = [
+            Change::CompassTurn(90),
+            Change::CompassMirrored(180),
+            Change::OdometryScale(0.001),
+            exchanged,
+        ];
+        assert!(changes.iter().all(|change| text(&setup, change).contains(".csv")));
+        setup.sensors = SensorSource::Devices;
+        for change in &changes {
+            let text = text(&setup, change);
+            assert!(text.contains(".toml") && !text.contains(".csv"), "{text}");
+        }
+    }
 
     #[test]
     fn wheels_are_left_out_only_if_they_are_wrong_by_more_than_a_filter_learns() {

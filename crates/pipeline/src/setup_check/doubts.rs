@@ -15,7 +15,7 @@ use super::ranges::RangeFinding;
 use super::report::SetupReport;
 use super::unknown_pose_covariance;
 use crate::recording::Table;
-use crate::setup::Setup;
+use crate::setup::{SensorSource, Setup};
 
 /// Share of points on markings below which the map is doubted even if no edit is found: half of the points are false in the
 /// worst halls.
@@ -61,20 +61,21 @@ impl SetupReport {
                 )
             });
             if let Some(path) = still_path.filter(|_| !is_named) {
+                let place = self.sensors.place(Table::Odometry);
                 self.doubt(format!(
-                "odometry.csv: the wheels report no motion, but the images show one of about {path:.1} m"
-            ));
+                    "{place}: the wheels report no motion, but the images show one of about {path:.1} m"
+                ));
             } else if !known(Table::Odometry) {
                 let agree = explained
                     .wheels_agree()
                     .filter(|share| *share < SENSORS_POOR);
-                self.doubt_sensor("wheels", "odometry.csv", agree);
+                self.doubt_sensor("wheels", Table::Odometry, agree);
             }
             if !known(Table::Compass) {
                 let agree = explained
                     .compass_agrees()
                     .filter(|share| *share < SENSORS_POOR);
-                self.doubt_sensor("compass", "compass.csv", agree);
+                self.doubt_sensor("compass", Table::Compass, agree);
             }
         }
     }
@@ -88,15 +89,22 @@ impl SetupReport {
         } = latency;
         let late = configured - age;
         self.doubt(if *age < 0.0 {
+            let edit = match self.sensors {
+                SensorSource::Tables => {
+                    format!("odometry.csv: subtract {late:.3} from stamp_s, or let the base stamp its samples earlier")
+                }
+                SensorSource::Devices => "let the base stamp its samples earlier".to_owned(),
+            };
             format!(
-                "the wheels' motion seems {:.0} ms later than that of the images: odometry.csv: subtract {late:.3} from stamp_s, or let the base stamp its samples earlier; or the wheels slip",
+                "the wheels' motion seems {:.0} ms later than that of the images: {edit}; or the wheels slip",
                 1e3 * late,
             )
         } else {
             format!(
-                "the images seem {:.0} ms older than their stamps, the set-up says {:.0} ms: robot.toml: [timing] camera_latency = {age:.3}, if `mirrorball calibrate latency` finds it by the gyro, too; else the stamps of odometry.csv are {}, or the wheels slip",
+                "the images seem {:.0} ms older than their stamps, the set-up says {:.0} ms: robot.toml: [timing] camera_latency = {age:.3}, if `mirrorball calibrate latency` finds it by the gyro, too; else the stamps of {} are {}, or the wheels slip",
                 1e3 * age,
                 1e3 * configured,
+                self.sensors.place(Table::Odometry),
                 if late > 0.0 { "late" } else { "early" },
             )
         });
@@ -172,7 +180,8 @@ impl SetupReport {
         let fault = inertial::find_fault(measured, explained, wheels_agree && !has_other_axes);
         if let Some(fault) = fault {
             self.unusable.push(Table::Imu);
-            self.doubt(format!("imu.csv: the inertial unit is not used: {fault}"));
+            let place = self.sensors.place(Table::Imu);
+            self.doubt(format!("{place}: the inertial unit is not used: {fault}"));
         }
     }
 
@@ -182,11 +191,12 @@ impl SetupReport {
     }
 
     /// Adds a warning that a sensor agrees with few of the poses, if `agree` is given.
-    fn doubt_sensor(&mut self, sensor: &str, file: &str, agree: Option<f32>) {
+    fn doubt_sensor(&mut self, sensor: &str, table: Table, agree: Option<f32>) {
         if let Some(share) = agree {
             self.doubt(format!(
-                "the {sensor} and the images agree by only {:.0} %: check units, signs and axes of {file}",
-                100.0 * share
+                "the {sensor} and the images agree by only {:.0} %: check units, signs and axes of {}",
+                100.0 * share,
+                self.sensors.place(table)
             ));
         }
     }

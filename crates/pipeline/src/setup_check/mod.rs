@@ -299,6 +299,7 @@ fn check_points(
     }
     let mut report = SetupReport {
         figures: Some(FitFigures::of(configured)),
+        sensors: setup.sensors,
         ..SetupReport::default()
     };
     report.add_improvements(setup, &assessment);
@@ -326,7 +327,8 @@ fn check_points(
         if fault.is_useless {
             report.unusable.push(Table::Compass);
         }
-        report.doubt(format!("compass.csv: {}", fault.text));
+        let place = setup.sensors.place(Table::Compass);
+        report.doubt(format!("{place}: {}", fault.text));
     }
     report.doubt_inertial_unit(measured, &assessment);
     let named = |change: fn(&Change) -> bool| {

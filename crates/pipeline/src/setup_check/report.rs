@@ -9,7 +9,7 @@ use super::assess::{Assessment, Improvement};
 use super::ranges::RangeFinding;
 use crate::image_faults::ImageFaults;
 use crate::recording::Table;
-use crate::setup::Setup;
+use crate::setup::{SensorSource, Setup};
 
 /// How well the set-up explains its measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -130,6 +130,9 @@ pub struct SetupReport {
     /// Tables in a wrong unit, which are left out.
     #[serde(skip)]
     pub unusable: Vec<Table>,
+    /// What measured.
+    #[serde(skip)]
+    pub(super) sensors: SensorSource,
 }
 
 impl SetupReport {
