@@ -6,7 +6,7 @@
 
 use localize::math;
 
-use crate::colour::lookup_table::ColourClass;
+use crate::colour::lookup_table::{CELL_LEVELS, ColourClass};
 use crate::config::ColourConfig;
 
 /// Colours of carpet and white under the light of one image.
@@ -24,12 +24,22 @@ pub struct CarpetModel {
     hue_axis: [f32; 3],
     /// Orthogonal to grey and to `hue_axis`: other hues.
     cross_hue_axis: [f32; 3],
-    /// The carpet's chroma divided by its brightness; below `CHROMA_MIN` the image is treated as grey.
+    /// The carpet's chroma divided by its brightness.
     chroma: f32,
+    /// Standard deviation of a pixel's chroma on plain carpet, divided by the brightness; the table's cells included.
+    chroma_noise: f32,
 }
 
-/// Chroma below this fraction of the brightness is indistinguishable from noise: the image is grey.
+/// Chroma below this fraction of the brightness is a cast of the light: the image is treated as grey.
 const CHROMA_MIN: f32 = 0.03;
+/// Chroma below this many standard deviations of a pixel's tells carpet from lines less well than brightness does: the
+/// image is treated as grey, too. Green carpets have 10 to 60, in dim halls too, dark grey ones with a tint 0.5 to 2.
+const CHROMA_SIGMAS_MIN: f32 = 3.0;
+
+/// Pixels so far apart in their list are compared for the noise: demosaicing and compression make nearer ones alike.
+const NOISE_LAG: usize = 4;
+/// Share of the carpet's brightness within which a pixel counts as carpet there.
+const NOISE_BRIGHTNESS: f32 = 0.4;
 
 /// Darker pixels (sum of the channels, of 765) have an unreliable chromaticity and do not vote.
 const VOTE_BRIGHTNESS_MIN: u16 = 60;
@@ -42,12 +52,42 @@ const BINS: usize = 48;
 
 impl CarpetModel {
     /// Learns the carpet's colour from pixels of the ground. None if nearly all are too dark.
+    ///
+    /// Neighbours in the list are neighbours in the image.
     pub fn learn(ground: &[[u8; 3]]) -> Option<Self> {
         let carpet = largest_cluster(ground)?;
         let brightest = carpet.iter().fold(1.0f32, |a, &b| a.max(b));
         // Until lines are detected, white is assumed neutral and brighter than the carpet.
         let white = [(2.0 * brightest).min(255.0); 3];
-        Some(CarpetModel::new(carpet, white, DEFAULT_NOISE, false))
+        let model = CarpetModel::new(carpet, white, DEFAULT_NOISE, false);
+        Some(CarpetModel {
+            chroma_noise: model.measure_chroma_noise(ground),
+            ..model
+        })
+    }
+
+    /// From the median difference of pixels near each other, which edges do not change; the table's cells included.
+    fn measure_chroma_noise(&self, ground: &[[u8; 3]]) -> f32 {
+        let level = mean(self.carpet).max(1.0);
+        let across = |rgb: [u8; 3]| {
+            let rgb = rgb.map(f32::from);
+            let is_carpet = (mean(rgb) / level - 1.0).abs() <= NOISE_BRIGHTNESS;
+            is_carpet.then(|| dot(rgb, self.cross_hue_axis) / mean(rgb))
+        };
+        let pairs = ground.windows(1 + NOISE_LAG);
+        let mut differences: Vec<f32> = pairs
+            .filter_map(|pixels| Some((across(pixels[0])? - across(pixels[NOISE_LAG])?).abs()))
+            .collect();
+        let cell = CELL_LEVELS / 12f32.sqrt() / level;
+        if differences.is_empty() {
+            return cell;
+        }
+        let middle = differences.len() / 2;
+        let median = *differences
+            .select_nth_unstable_by(middle, f32::total_cmp)
+            .1;
+        // Half of |N(0, √2 σ)| lies below 0.954 σ.
+        math::hypot(median / 0.954, cell)
     }
 
     fn new(carpet: [f32; 3], white: [f32; 3], noise: f32, white_measured: bool) -> Self {
@@ -75,28 +115,31 @@ impl CarpetModel {
             hue_axis,
             cross_hue_axis: across,
             chroma: length / brightness.max(1e-6),
+            chroma_noise: 0.0,
         }
     }
 
     /// The same carpet with measured white and noise (levels).
     pub fn with_white(&self, white: [f32; 3], noise: f32) -> Self {
-        CarpetModel::new(
-            self.carpet,
-            white.map(|channel| channel.max(1.0)),
-            noise,
-            true,
-        )
+        let white = white.map(|channel| channel.max(1.0));
+        CarpetModel {
+            chroma_noise: self.chroma_noise,
+            ..CarpetModel::new(self.carpet, white, noise, true)
+        }
     }
 
     /// Replaces the colours of carpet and white; keeps noise and `white_measured`.
     pub(crate) fn with_colours(&self, carpet: [f32; 3], white: [f32; 3]) -> Self {
         let white = white.map(|channel| channel.max(1.0));
-        CarpetModel::new(carpet, white, self.noise, self.white_measured)
+        CarpetModel {
+            chroma_noise: self.chroma_noise,
+            ..CarpetModel::new(carpet, white, self.noise, self.white_measured)
+        }
     }
 
     /// True if the carpet is too grey for classification by hue.
     pub fn is_grey(&self) -> bool {
-        self.chroma < CHROMA_MIN
+        self.chroma < CHROMA_MIN.max(CHROMA_SIGMAS_MIN * self.chroma_noise)
     }
 
     /// The carpet's chroma divided by its brightness, at least `CHROMA_MIN`.

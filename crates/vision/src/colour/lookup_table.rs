@@ -50,6 +50,9 @@ type ClassifyFn = dyn Fn([u8; 3]) -> ColourClass + Send + Sync;
 
 const CELLS: usize = 1 << 18;
 
+/// Width of a cell in each channel, levels.
+pub(crate) const CELL_LEVELS: f32 = 4.0;
+
 /// Marks an unfilled cell; tables of labels have fewer classes.
 const UNFILLED: u8 = u8::MAX;
 
