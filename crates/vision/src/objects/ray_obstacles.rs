@@ -101,6 +101,10 @@ fn find_obstacle_beyond_carpet(
         carpet_end.first_beyond + last
     });
     let range = (rays.ranges[last] + rays.ranges[first]) / 2.0;
+    // Where the map ends, so does the carpet.
+    if range.is_infinite() {
+        return None;
+    }
     Some(build_ray_obstacle(rays, first, end, range, solid.is_some()))
 }
 
