@@ -457,7 +457,8 @@ impl RecordingRun {
         }
         let summary = statistics.summary();
         let mut warnings = report.warnings;
-        warnings.extend(nothing_located(&summary));
+        let points_min = config.localize.mode.points_min;
+        warnings.extend(nothing_located(&summary, points_min));
         let path_warnings = [misplaced.warning(&files), leaps.warning()];
         let path_warnings: Vec<String> = path_warnings.into_iter().flatten().collect();
         warnings.extend(path_warnings.iter().cloned());
@@ -476,16 +477,20 @@ impl RecordingRun {
     }
 }
 
-/// A warning if frames could be used and none has a pose.
-fn nothing_located(summary: &Summary) -> Option<String> {
+/// A warning if frames could be used and none has a pose. `points_min`: line points that a pose needs.
+fn nothing_located(summary: &Summary, points_min: usize) -> Option<String> {
     let usable = summary.frames - summary.unreadable.min(summary.frames);
     let is_lost = usable > 0 && summary.tracking + summary.predicted + summary.global == 0;
-    is_lost.then(|| {
+    let reason = if summary.line_points < points_min as f64 {
         format!(
-            "no pose in any of {usable} frames: the column reason of the poses says why. The field, the camera's mount or the \
-             map may be wrong"
+            "half of them show at most {:.0} line points, where a pose needs {points_min}. The carpet's colours may not be recognised \
+             (`labels` and `colours` of robot.toml name them), or light, field lines or map are wrong",
+            summary.line_points
         )
-    })
+    } else {
+        "the column reason of the poses says why. The field, the camera's mount or the map may be wrong".to_owned()
+    };
+    is_lost.then(|| format!("no pose in any of {usable} frames: {reason}"))
 }
 
 /// Fails if no frame of a recording could be used.

@@ -51,7 +51,11 @@ pub fn fit_latency(imu: &[Imu], poses: &[VisionPose]) -> Result<LatencyFit, Driv
     let angle = TurnedAngle::new(imu);
     let pieces = pieces(&angle, poses);
     if pieces.len() < PIECES_MIN {
-        return Err(DriveFitError::TooShort(pieces.len()));
+        return Err(DriveFitError::TooShort {
+            pieces: pieces.len(),
+            pieces_min: PIECES_MIN,
+            motion: "the gyro's rates",
+        });
     }
     let cost = |latency: f64| {
         let squares = pieces.iter().map(|piece| {

@@ -36,9 +36,16 @@ pub struct DriveFit {
 pub enum DriveFitError {
     /// Too short, or too few images with a pose.
     #[error(
-        "only {0} pieces of the drive have poses at both ends and wheel motion between them (expected at least {PIECES_MIN}): drive for a minute with field lines in view"
+        "only {pieces} pieces of the drive have poses at both ends and {motion} between them (expected at least {pieces_min}): drive for a minute with field lines in view"
     )]
-    TooShort(usize),
+    TooShort {
+        /// Pieces that can be compared.
+        pieces: usize,
+        /// Fewest pieces.
+        pieces_min: usize,
+        /// What is compared with the poses.
+        motion: &'static str,
+    },
     /// A motion is missing.
     #[error(
         "the drive does not determine the wheels' motion {axis}: standard deviation {std:.3} (at most {STD_MAX}). Drive more in this direction"
@@ -92,7 +99,11 @@ pub fn fit_drive(odometry: &[Odometry], poses: &[VisionPose]) -> Result<DriveFit
     let track = WheelTrack::new(odometry);
     let pieces = track.pieces(poses);
     if pieces.len() < PIECES_MIN {
-        return Err(DriveFitError::TooShort(pieces.len()));
+        return Err(DriveFitError::TooShort {
+            pieces: pieces.len(),
+            pieces_min: PIECES_MIN,
+            motion: "wheel motion",
+        });
     }
     let mut parameters = identity();
     // The latency may be longer than the linear range of the fit: the best of a coarse search starts it.
