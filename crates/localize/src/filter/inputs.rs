@@ -46,10 +46,21 @@ pub struct WheelIncrement {
 /// Prior of an image's tilt beyond the one by which its points were compensated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TiltPrior {
-    /// From the filter's state, correlated with the pose.
-    FromState,
+    /// From the filter's state, correlated with the pose, and a part that the inertial unit does not measure: independent in
+    /// each image, zero with this standard deviation, radians.
+    FromState {
+        /// Standard deviation of that part.
+        unmeasured_std: f32,
+    },
     /// Independent in each image: zero with this standard deviation, radians.
     Independent(f32),
+}
+
+impl TiltPrior {
+    /// All of the tilt is the filter's state.
+    pub const STATE: TiltPrior = TiltPrior::FromState {
+        unmeasured_std: 0.0,
+    };
 }
 
 /// Tilt of the robot.

@@ -46,6 +46,22 @@ impl<const N: usize> LogVariance<N> {
         }
     }
 
+    /// The same about another factor than 1, given by its logarithm.
+    pub(crate) fn starting_at(self, log_factor: f32) -> Self {
+        LogVariance {
+            mean: SVector::from_element(log_factor),
+            ..self
+        }
+    }
+
+    /// Starts anew at a larger log factor. A smaller one changes nothing.
+    pub(crate) fn raise_to(&mut self, log_factor: f32) {
+        if self.mean.iter().all(|mean| *mean < log_factor) {
+            *self =
+                LogVariance::new(self.prior_std).starting_at(log_factor.min(LOG_FACTOR_RANGE.1));
+        }
+    }
+
     /// The same, where three quarters of the prior variance are common to all factors but the last: wheels are better or
     /// worse as a whole more often than in one term. The last one, of other noise, is within exp(± `other_std`).
     pub(crate) fn with_common_prior(prior_std: f32, other_std: f32) -> Self {

@@ -222,7 +222,7 @@ impl PoseFilter {
             PoseFilter::Joint(joint) => joint.predicted_covariance(tilt_prior),
             PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => {
                 let std = match tilt_prior {
-                    TiltPrior::FromState => 1.0,
+                    TiltPrior::FromState { .. } => 1.0,
                     TiltPrior::Independent(std) => std,
                 };
                 let mut full = Matrix5::from_diagonal_element(std * std);
@@ -236,7 +236,7 @@ impl PoseFilter {
     /// D² of docs/methods.md 8.9 with 3 degrees of freedom: the match against the prediction, under the update's
     /// covariance S − P_y.
     pub fn normalized_innovation_squared(&self, matched: &Match) -> f32 {
-        let predicted = self.predicted_covariance(TiltPrior::FromState);
+        let predicted = self.predicted_covariance(TiltPrior::STATE);
         let predicted = predicted.fixed_view::<3, 3>(0, 0);
         // Directions that the match left free are not updated. A tenth of S keeps them invertible: the matcher's robust
         // error moves them a little, too.
@@ -258,7 +258,7 @@ impl PoseFilter {
         matched: &Match,
         map: &Matrix3<f32>,
     ) -> Option<f32> {
-        let predicted = self.predicted_covariance(TiltPrior::FromState);
+        let predicted = self.predicted_covariance(TiltPrior::STATE);
         let predicted = predicted.fixed_view::<3, 3>(0, 0).into_owned();
         let before = predicted.try_inverse()?;
         let after = matched.covariance.try_inverse()?;
@@ -277,11 +277,11 @@ impl PoseFilter {
         };
         match self {
             PoseFilter::Joint(joint) => {
-                let predicted = joint.predicted_covariance(TiltPrior::FromState);
+                let predicted = joint.predicted_covariance(TiltPrior::STATE);
                 let posterior =
                     pose_gaussian::kalman_update(joint.pose(), &predicted, &measurement);
                 if let Some(posterior) = posterior {
-                    joint.update(&posterior, TiltPrior::FromState, config);
+                    joint.update(&posterior, TiltPrior::STATE, config);
                 }
             }
             PoseFilter::Decentralised(filter) => filter.fuse(Some(measurement)),

@@ -163,7 +163,7 @@ impl Localizer {
     fn independent_tilt_std(&self) -> Option<f32> {
         match self.tilt_prior {
             TiltPrior::Independent(std) => Some(std),
-            TiltPrior::FromState => None,
+            TiltPrior::FromState { .. } => None,
         }
     }
 

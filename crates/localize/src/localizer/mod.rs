@@ -235,7 +235,7 @@ impl Localizer {
             tilt_bias: TiltBias::new(&config.attitude),
             tilt_spread: TiltSpread::new(&config),
             global_check: None,
-            tilt_prior: TiltPrior::FromState,
+            tilt_prior: TiltPrior::STATE,
             tilt_variances: None,
             expected_tilt: [0.0; 2],
             repeated_error: RepeatedPoseError::default(),

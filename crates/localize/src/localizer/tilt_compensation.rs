@@ -8,6 +8,7 @@ use crate::estimate::Estimate;
 use crate::filter::{PoseFilter, TiltPrior};
 use crate::frames::At;
 use crate::matching::Match;
+use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 use crate::tilt::ground_from_map;
@@ -38,20 +39,30 @@ impl Localizer {
             filter_tilt.unwrap_or_else(|| self.tilt_bias.correct_tilt(measured, prior_std));
         compensate_points(points, expected.mean, matching.viewpoint_height);
         self.expected_tilt = expected.mean;
-        self.matcher.set_tilt_std(expected.std);
         self.tilt_prior = if filter_tilt.is_some() {
-            TiltPrior::FromState
+            let unmeasured_std = self.tilt_spread.unmeasured_std();
+            self.matcher
+                .set_tilt_std(math::hypot(expected.std, unmeasured_std));
+            TiltPrior::FromState { unmeasured_std }
         } else {
+            self.matcher.set_tilt_std(expected.std);
             TiltPrior::Independent(self.matcher.tilt_std())
         };
         Some(ImuTilt { measured, expected })
     }
 
     /// Learns the spread of tilt and points from the last match, of a tracked image that most points support.
-    pub(super) fn learn_spread(&mut self, stamp: Stamp, matched: &Match) {
+    pub(super) fn learn_spread(&mut self, stamp: Stamp, matched: &Match, filter: &PoseFilter) {
         let seconds = self.tilt_spread.advance_to(stamp);
-        if let TiltPrior::Independent(std) = self.tilt_prior {
-            self.tilt_spread.update_tilt(matched, std, seconds);
+        match self.tilt_prior {
+            TiltPrior::Independent(std) => self.tilt_spread.update_tilt(matched, std, seconds),
+            TiltPrior::FromState { unmeasured_std } => {
+                // The image that widened the spread was matched under another one.
+                if unmeasured_std == self.tilt_spread.unmeasured_std() {
+                    let prior = filter.pose_prior(self.tilt_prior);
+                    self.tilt_spread.update_unmeasured(matched, &prior, seconds);
+                }
+            }
         }
         self.matcher
             .learn_spread(&self.distance_field, matched, seconds);

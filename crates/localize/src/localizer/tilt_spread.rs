@@ -3,7 +3,7 @@
 
 use crate::config::LocalizeConfig;
 use crate::filter::log_variance::{LogVariance, NormalizedComponent};
-use crate::matching::Match;
+use crate::matching::{Match, PosePrior, Vector5};
 use crate::math;
 use crate::stamp::Stamp;
 
@@ -11,6 +11,11 @@ use crate::stamp::Stamp;
 const TILT_DRIFT: f32 = 0.2;
 /// Smallest standard deviation of the tilt, degrees. A smaller one would take long to notice a robot that begins to lean.
 const TILT_STD_MIN_DEG: f32 = 0.03;
+/// Tilt that an inertial unit does not measure (vibration, a unit without rates about x and y, or one that is late): standard deviation
+/// of an image's, degrees, that counts as a factor of 1; log factor at the start, and its standard deviation.
+const UNMEASURED_STD_DEG: f32 = 0.1;
+const UNMEASURED_LOG_FACTOR: f32 = -3.0;
+const UNMEASURED_LOG_STD: f32 = 1.5;
 /// Longest time that counts between two images, seconds.
 const SECONDS_MAX: f64 = 1.0;
 
@@ -19,6 +24,8 @@ const SECONDS_MAX: f64 = 1.0;
 pub(super) struct TiltSpread {
     /// Factor of the variance of the tilt. None keeps the configured one.
     tilt: Option<LogVariance<1>>,
+    /// Factor of the variance that an inertial unit does not measure. None: it measures all.
+    unmeasured: Option<LogVariance<1>>,
     last_image: Option<Stamp>,
 }
 
@@ -28,6 +35,8 @@ impl TiltSpread {
         let learns_tilt = std > 0.0 && config.matching.tilt_std_deg > 0.0;
         TiltSpread {
             tilt: learns_tilt.then(|| LogVariance::new(std)),
+            unmeasured: learns_tilt
+                .then(|| LogVariance::new(UNMEASURED_LOG_STD).starting_at(UNMEASURED_LOG_FACTOR)),
             last_image: None,
         }
     }
@@ -46,6 +55,44 @@ impl TiltSpread {
             let least = TILT_STD_MIN_DEG.to_radians().min(configured);
             (configured * math::exp(0.5 * log_factor)).max(least)
         })
+    }
+
+    /// Standard deviation of an image's tilt that the inertial unit does not measure, radians.
+    pub(super) fn unmeasured_std(&self) -> f32 {
+        self.unmeasured.map_or(0.0, |unmeasured| {
+            let [log_factor] = unmeasured.mean();
+            UNMEASURED_STD_DEG.to_radians() * math::exp(0.5 * log_factor)
+        })
+    }
+
+    /// Takes a match under the prior of the filter's state and [`TiltSpread::unmeasured_std`].
+    pub(super) fn update_unmeasured(&mut self, matched: &Match, prior: &PosePrior, seconds: f32) {
+        let std = self.unmeasured_std();
+        let Some(unmeasured) = &mut self.unmeasured else {
+            return;
+        };
+        unmeasured.forget(seconds, TILT_DRIFT);
+        let [x, y, theta] = matched.pose.difference(prior.pose).into();
+        let [a, b] = matched.tilt;
+        // S⁻¹(ŷ − y) = Σ⁻¹ν and Σ⁻¹, as in docs/methods.md 8.8.
+        let normalized = prior.information * Vector5::from([x, y, theta, a, b]);
+        let covariance = &matched.pose_tilt_covariance;
+        let information = prior.information - prior.information * covariance * prior.information;
+        for k in 3..5 {
+            let component = NormalizedComponent {
+                squared: normalized[k] * normalized[k],
+                information: information[(k, k)],
+            };
+            unmeasured.update([std * std], component);
+        }
+    }
+
+    /// An image showed a tilt (radians) that the inertial unit does not report.
+    pub(super) fn widen_unmeasured(&mut self, [a, b]: [f32; 2]) {
+        if let Some(unmeasured) = &mut self.unmeasured {
+            let variance = 0.5 * (a * a + b * b);
+            unmeasured.raise_to(math::ln(variance / UNMEASURED_STD_DEG.to_radians().powi(2)));
+        }
     }
 
     /// Takes the tilt that matching found under a prior of zero with `std` radians.

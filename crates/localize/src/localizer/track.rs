@@ -10,7 +10,7 @@ use super::match_figures::MatchFigures;
 use super::state::{PoseTrack, Suspicion};
 use crate::config::{SuspectRule, Tracker};
 use crate::estimate::{Estimate, Reason};
-use crate::filter::PoseFilter;
+use crate::filter::{PoseFilter, TiltPrior};
 use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::global_search::heading_histogram::histogram_heading;
@@ -96,7 +96,7 @@ impl Localizer {
         }
         let few_inliers = self.is_poor_match(matched.inlier_share);
         if !few_inliers {
-            self.learn_spread(stamp, &matched);
+            self.learn_spread(stamp, &matched, &track.filter);
         }
         let poor = agreement != Agreement::Consistent || few_inliers;
         if self.detect_knock(stamp, points, &matched, poor, &mut track.filter) {
@@ -240,6 +240,11 @@ impl Localizer {
         };
         if !is_consistent(filter, &matched) || self.is_poor_match(matched.inlier_share) {
             matched = self.match_tilted(points, prior, start, matched);
+            if (!is_consistent(filter, &matched) || self.is_poor_match(matched.inlier_share))
+                && let Some(leaning) = self.match_leaning(filter, points, start, &matched)
+            {
+                return TrackedMatch::new(leaning, Agreement::Consistent);
+            }
         }
         let consistent = is_consistent(filter, &matched);
         let poor = self.is_poor_match(matched.inlier_share);
@@ -304,6 +309,44 @@ impl Localizer {
             && gain(free.score) > margin
             && math::hypot(offset[0], offset[1]) < 2.0 * reach;
         is_better.then_some(free)
+    }
+
+    /// The match of a robot that leans as its inertial unit does not report, if it agrees with the predicted pose and explains clearly
+    /// more points.
+    fn match_leaning(
+        &mut self,
+        filter: &PoseFilter,
+        points: &[LinePoint],
+        start: MatchStart,
+        matched: &Match,
+    ) -> Option<Match> {
+        let unmeasured_std = self.config.matching.tilt_std_deg.to_radians();
+        let learned = self.tilt_spread.unmeasured_std();
+        let is_narrow = matches!(self.tilt_prior, TiltPrior::FromState { .. })
+            && learned > 0.0
+            && learned < unmeasured_std;
+        let margin = self.score_margin(points.len());
+        let gain = |score: f32| (score - matched.score) * points.len() as f32;
+        if !is_narrow || gain(1.0) <= margin {
+            return None;
+        }
+        let before = self.matcher.tilt_std();
+        self.matcher.set_tilt_std(unmeasured_std);
+        let tilt_prior = TiltPrior::FromState { unmeasured_std };
+        let prior = filter.pose_prior(tilt_prior);
+        let upright = self
+            .matcher
+            .refine_with_prior(&self.distance_field, points, prior, start);
+        let leaning = self.match_tilted(points, prior, start, upright);
+        let agrees = filter.normalized_innovation_squared(&leaning)
+            <= self.config.mode.normalized_innovation_max;
+        if !agrees || self.is_poor_match(leaning.inlier_share) || gain(leaning.score) <= margin {
+            self.matcher.set_tilt_std(before);
+            return None;
+        }
+        self.tilt_prior = tilt_prior;
+        self.tilt_spread.widen_unmeasured(leaning.tilt);
+        Some(leaning)
     }
 
     /// The best of a match and of those from tilted starts. A large tilt moves far points to other markings.

@@ -24,7 +24,7 @@ impl JointFilter {
     fn cross_covariance(&self, tilt_prior: TiltPrior) -> CrossCovariance {
         let p = &self.covariance;
         let velocity = self.field_velocity();
-        let tilt_in_state = matches!(tilt_prior, TiltPrior::FromState) && self.imu_active;
+        let tilt_in_state = matches!(tilt_prior, TiltPrior::FromState { .. }) && self.imu_active;
         CrossCovariance::from_fn(|i, j| match j {
             0..3 => p[i][POSE + j] - velocity[j] * p[i][LATENCY],
             _ if tilt_in_state => p[i][TILT + j - 3] - p[i][IMU_MOUNT + j - 3],
@@ -35,7 +35,7 @@ impl JointFilter {
     /// Nonzero entries of the rows of H.
     fn pose_rows(&self, tilt_prior: TiltPrior) -> [Vec<(usize, f32)>; PARAMETERS] {
         let velocity = self.field_velocity();
-        let tilt_in_state = matches!(tilt_prior, TiltPrior::FromState) && self.imu_active;
+        let tilt_in_state = matches!(tilt_prior, TiltPrior::FromState { .. }) && self.imu_active;
         std::array::from_fn(|j| match j {
             0..3 => vec![(POSE + j, 1.0), (LATENCY, -velocity[j])],
             _ if tilt_in_state => vec![(TILT + j - 3, 1.0), (IMU_MOUNT + j - 3, -1.0)],
@@ -62,15 +62,21 @@ impl JointFilter {
     /// H · `cross`, plus the variance of a tilt that is not in the state.
     fn project_covariance(&self, cross: &CrossCovariance, tilt_prior: TiltPrior) -> Matrix5 {
         let velocity = self.field_velocity();
-        let independent_std = match tilt_prior {
-            TiltPrior::FromState if self.imu_active => None,
-            TiltPrior::FromState => Some(1.0),
-            TiltPrior::Independent(std) => Some(std),
+        let (tilt_in_state, independent_std) = match tilt_prior {
+            TiltPrior::FromState { unmeasured_std } if self.imu_active => (true, unmeasured_std),
+            TiltPrior::FromState { .. } => (false, 1.0),
+            TiltPrior::Independent(std) => (false, std),
         };
-        let full = Matrix5::from_fn(|i, j| match (i, independent_std) {
-            (0..3, _) => cross[(POSE + i, j)] - velocity[i] * cross[(LATENCY, j)],
-            (_, None) => cross[(TILT + i - 3, j)] - cross[(IMU_MOUNT + i - 3, j)],
-            (_, Some(std)) => f32::from(u8::from(i == j)) * std * std,
+        let full = Matrix5::from_fn(|i, j| {
+            if i < 3 {
+                return cross[(POSE + i, j)] - velocity[i] * cross[(LATENCY, j)];
+            }
+            let independent = f32::from(u8::from(i == j)) * independent_std * independent_std;
+            if tilt_in_state {
+                cross[(TILT + i - 3, j)] - cross[(IMU_MOUNT + i - 3, j)] + independent
+            } else {
+                independent
+            }
         });
         (full + full.transpose()) * 0.5
     }

@@ -190,7 +190,7 @@ fn tilt_prior_comes_from_the_state_only_while_the_imu_is_active() {
     predict_and_update(&mut filter, [0.0; 2], [0.0; 3], [0.0; 3], &config);
     let independent = filter.predicted_covariance(TiltPrior::Independent(0.01));
     assert!((independent[(3, 3)] - 1e-4).abs() < 1e-9 && independent[(0, 3)] == 0.0);
-    let from_state = filter.predicted_covariance(TiltPrior::FromState)[(3, 3)].sqrt();
+    let from_state = filter.predicted_covariance(TiltPrior::STATE)[(3, 3)].sqrt();
     let expected = config.tilt_std_deg.to_radians();
     assert!(
         (from_state - expected).abs() < 0.01 * expected,
@@ -224,13 +224,13 @@ fn velocity_that_a_saturated_inertial_unit_missed_is_learned_from_images() {
         if motion.x.abs() > 0.01 {
             filter.admit_motion(motion.x.abs(), 0.0);
         }
-        let predicted = filter.predicted_covariance(TiltPrior::FromState);
+        let predicted = filter.predicted_covariance(TiltPrior::STATE);
         let measured = PoseMeasurement {
             pose,
             covariance: Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-5)),
         };
         let posterior = kalman_update(filter.pose(), &predicted, &measured).expect("a posterior");
-        filter.update(&posterior, TiltPrior::FromState, &config);
+        filter.update(&posterior, TiltPrior::STATE, &config);
     }
     let speed = filter.twist().x;
     assert!((speed - 1.4).abs() < 0.1, "{speed}");
