@@ -352,6 +352,8 @@ pub struct RecordingRun {
     recording: Recording,
     pipeline: Pipeline,
     report: SetupReport,
+    /// Line points that a pose needs.
+    points_min: usize,
     save_map: Option<PathBuf>,
     labels: Option<ObjectLabels>,
 }
@@ -381,6 +383,7 @@ impl RecordingRun {
             recording,
             pipeline,
             report,
+            points_min: options.config.localize.mode.points_min,
             save_map: options.save_map.clone(),
             labels: ObjectLabels::read(&options.folder)?,
         })
@@ -408,6 +411,7 @@ impl RecordingRun {
             recording,
             mut pipeline,
             report,
+            points_min,
             save_map,
             labels,
         } = self;
@@ -457,7 +461,6 @@ impl RecordingRun {
         }
         let summary = statistics.summary();
         let mut warnings = report.warnings;
-        let points_min = config.localize.mode.points_min;
         warnings.extend(nothing_located(&summary, points_min));
         let path_warnings = [misplaced.warning(&files), leaps.warning()];
         let path_warnings: Vec<String> = path_warnings.into_iter().flatten().collect();

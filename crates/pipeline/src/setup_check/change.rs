@@ -375,9 +375,8 @@ mod tests {
     fn edits_name_what_the_operator_can_change() {
         let field = localize::Field::new(FieldConfig::default()).expect("a field");
         let mut setup = Setup::without_camera(field);
-        let text = |setup: &Setup, change: &Change| {
-            change.text(setup, &SetupVariant::configured(setup))
-        };
+        let text =
+            |setup: &Setup, change: &Change| change.text(setup, &SetupVariant::configured(setup));
         let exchanged = Change::OdometryAxes {
             exchanged: true,
             signs: [1.0; 3],
@@ -388,7 +387,11 @@ mod tests {
             Change::OdometryScale(0.001),
             exchanged,
         ];
-        assert!(changes.iter().all(|change| text(&setup, change).contains(".csv")));
+        assert!(
+            changes
+                .iter()
+                .all(|change| text(&setup, change).contains(".csv"))
+        );
         setup.sensors = SensorSource::Devices;
         for change in &changes {
             let text = text(&setup, change);

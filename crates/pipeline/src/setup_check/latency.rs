@@ -3,16 +3,21 @@
 use localize::frames::{RobotFrame, Tf, wrap_angle};
 use localize::math;
 use localize::setup_check::Explanation;
-use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::measurements::MeasuredKeyframe;
 use localize::wheel_steps::{STEP_STD, spread, weight};
 
 /// Fewer steps tell no latency.
 const STEPS_MIN: usize = 12;
-/// Standard deviation of the age beyond the configured one before anything is known, seconds, and of the scales of right wheels.
+/// Standard deviation of the age beyond the configured one before anything is known, seconds, and of the entries of a matrix that corrects
+/// the wheels: wheels of unequal radius move a robot sideways as it turns, and an older image looks alike.
 const AGE_STD: f32 = 0.3;
 const SCALE_STD: f32 = 0.05;
+/// Metres: an entry between path and turn counts at this distance from the centre.
+const LEVER: f32 = 0.25;
+/// Step of the derivatives by an entry.
+const ENTRY_STEP: f32 = 1e-2;
 /// Passes of the reweighted fit.
 const PASSES: usize = 8;
 /// Steps are not more accurate than this share of their expected errors.
@@ -35,8 +40,11 @@ pub(super) struct OtherLatency {
     pub(super) pose_error: Vector3<f32>,
 }
 
+/// Age, and entries of the matrix less those of the identity, row by row.
+type Unknowns = SVector<f32, 10>;
+
 /// One step between keyframes: derivatives of its error (x, y, θ), and the error.
-type StepError = ([Vector4<f32>; 3], Vector3<f32>);
+type StepError = ([Unknowns; 3], Vector3<f32>);
 
 /// The latency that the steps show, if it differs from the configured one, by which the wheels' steps end at exposures.
 /// `wheels`: the matrix of their motion.
@@ -59,7 +67,14 @@ pub(super) fn other_latency(
             let poses = fits[0].pose?.inverse() * fits[1].pose?;
             let error = step.inverse() * poses;
             let error = Vector3::new(error.x, error.y, wrap_angle(error.theta));
-            Some((derivatives(step, before, after), error))
+            let rows = match &measured[1].odometry {
+                Some(rows) => rows
+                    .iter()
+                    .map(|row| wheels * Vector3::from(*row))
+                    .collect(),
+                None => vec![Vector3::new(step.x, step.y, step.theta)],
+            };
+            Some((derivatives(step, &rows, before, after), error))
         })
         .collect();
     if steps.len() < STEPS_MIN {
@@ -103,12 +118,22 @@ impl OtherLatency {
     }
 }
 
-/// Age of the images beyond the configured one and its standard deviation, seconds, fitted to some components of the steps with scales of the wheels.
+/// Age of the images beyond the configured one and its standard deviation, seconds, fitted to some components of the steps with a matrix of the wheels.
 fn fit_age(steps: &[StepError], components: &[usize]) -> Option<(f32, f32)> {
     let std_of = [STEP_STD.0, STEP_STD.0, STEP_STD.1];
-    let prior = Vector4::new(AGE_STD, SCALE_STD, SCALE_STD, SCALE_STD).map(|std| 1.0 / (std * std));
-    let mut fitted = Vector4::zeros();
-    let mut covariance = Matrix4::zeros();
+    let prior = Unknowns::from_fn(|k, _| {
+        let std = match k.checked_sub(1) {
+            None => AGE_STD,
+            Some(entry) => match (entry / 3 == 2, entry % 3 == 2) {
+                (true, false) => SCALE_STD / LEVER,
+                (false, true) => SCALE_STD * LEVER,
+                _ => SCALE_STD,
+            },
+        };
+        1.0 / (std * std)
+    });
+    let mut fitted = Unknowns::zeros();
+    let mut covariance = SMatrix::<f32, 10, 10>::zeros();
     for _ in 0..PASSES {
         let deviations: Vec<f32> = steps
             .iter()
@@ -118,8 +143,8 @@ fn fit_age(steps: &[StepError], components: &[usize]) -> Option<(f32, f32)> {
             })
             .collect();
         let std = spread(&deviations).max(STD_MIN);
-        let mut information = Matrix4::from_diagonal(&prior);
-        let mut vector = Vector4::zeros();
+        let mut information = SMatrix::<f32, 10, 10>::from_diagonal(&prior);
+        let mut vector = Unknowns::zeros();
         for ((rows, error), deviation) in steps.iter().zip(&deviations) {
             for &k in components {
                 let weight = weight(deviation / std) / (std_of[k] * std).powi(2);
@@ -133,23 +158,42 @@ fn fit_age(steps: &[StepError], components: &[usize]) -> Option<(f32, f32)> {
     Some((fitted[0], covariance[(0, 0)].sqrt()))
 }
 
-/// Derivatives of a step's error (x, y, θ at its end) by age and by the scales of the wheels' x, y and θ.
+/// Derivatives of a step's error (x, y, θ at its end) by age and by the entries of the wheels' matrix, row by row. `rows`: the motion of the
+/// wheels in the step.
 fn derivatives(
     step: Tf<RobotFrame, RobotFrame>,
+    rows: &[Vector3<f32>],
     before: Vector3<f32>,
     after: Vector3<f32>,
-) -> [Vector4<f32>; 3] {
+) -> [Unknowns; 3] {
     let (sin, cos) = (math::sin(step.theta), math::cos(step.theta));
-    // Of a vector at the step's start, at its end.
-    let turned = |x: f32, y: f32| (cos * x + sin * y, cos * y - sin * x);
-    let moved = turned(before.x - before.z * step.y, before.y + before.z * step.x);
-    let age = (moved.0 - after.x, moved.1 - after.y, before.z - after.z);
-    let (along, across) = (turned(step.x, 0.0), turned(0.0, step.y));
-    [
-        Vector4::new(age.0, along.0, across.0, 0.0),
-        Vector4::new(age.1, along.1, across.1, 0.0),
-        Vector4::new(age.2, 0.0, 0.0, step.theta),
-    ]
+    // The velocity at the step's start, at its end.
+    let (x, y) = (before.x - before.z * step.y, before.y + before.z * step.x);
+    let moved = [cos * x + sin * y, cos * y - sin * x, before.z];
+    let mut derivatives: [Unknowns; 3] = std::array::from_fn(|k| {
+        let mut row = Unknowns::zeros();
+        row[0] = moved[k] - after[k];
+        row
+    });
+    let as_measured = joined(rows, &Matrix3::identity()).inverse();
+    for entry in 0..9 {
+        let mut matrix = Matrix3::identity();
+        matrix[(entry / 3, entry % 3)] += ENTRY_STEP;
+        let change = as_measured * joined(rows, &matrix);
+        let change = [change.x, change.y, wrap_angle(change.theta)];
+        for (row, change) in derivatives.iter_mut().zip(change) {
+            row[1 + entry] = change / ENTRY_STEP;
+        }
+    }
+    derivatives
+}
+
+/// The motion of rows after a matrix.
+fn joined(rows: &[Vector3<f32>], matrix: &Matrix3<f32>) -> Tf<RobotFrame, RobotFrame> {
+    rows.iter().fold(Tf::new(0.0, 0.0, 0.0), |path, row| {
+        let row = matrix * row;
+        path * Tf::new(row.x, row.y, row.z)
+    })
 }
 
 #[cfg(test)]
@@ -160,27 +204,37 @@ mod tests {
     use super::*;
 
     /// A drive whose velocity changes all the time; the images are `age` seconds older than configured, the wheels slip by
-    /// `slip` of each change of their speed.
-    fn drive(age: f32, slip: f32, turns: f32) -> (Vec<MeasuredKeyframe>, Explanation) {
+    /// `slip` of each change of their speed and measure the motion after `wheels`.
+    fn drive(
+        age: f32,
+        slip: f32,
+        turns: f32,
+        wheels: &Matrix3<f32>,
+    ) -> (Vec<MeasuredKeyframe>, Explanation) {
         const STEP: f32 = 0.002;
         let velocity = |t: f32| {
             let (x, y) = (1.5 * math::sin(1.7 * t), 1.2 * math::cos(1.1 * t));
             [x, y, turns * math::sin(2.3 * t)]
         };
         let count = (24.0 / STEP) as usize;
-        let mut path = vec![Tf::<RobotFrame, RobotFrame>::new(0.0, 0.0, 0.0)];
-        for k in 0..count {
-            let [x, y, turn] = velocity(k as f32 * STEP).map(|v| v * STEP);
-            path.push(path[k] * Tf::<RobotFrame, RobotFrame>::new(x, y, turn));
-        }
-        let at = |t: f32| path[((t / STEP).round() as usize).min(count)];
+        let path = |matrix: &Matrix3<f32>| {
+            let mut path = vec![Tf::<RobotFrame, RobotFrame>::new(0.0, 0.0, 0.0)];
+            for k in 0..count {
+                let step = matrix * Vector3::from(velocity(k as f32 * STEP)) * STEP;
+                path.push(path[k] * Tf::<RobotFrame, RobotFrame>::new(step.x, step.y, step.z));
+            }
+            path
+        };
+        let (path, by_wheels) = (path(&Matrix3::identity()), path(wheels));
+        let index = |t: f32| ((t / STEP).round() as usize).min(count);
+        let at = |t: f32| path[index(t)];
         let (mut measured, mut explanation) = (Vec::new(), Explanation::default());
         let mut last = 0.5_f32;
         for k in 0..45 {
             let t = 0.5 + 0.5 * k as f32;
             let noise = 0.01 * math::sin(7.7 * k as f32);
             let shown = at(t - age);
-            let wheels = at(last).inverse() * at(t);
+            let wheels = by_wheels[index(last)].inverse() * by_wheels[index(t)];
             let changed = [0, 1].map(|axis| velocity(t)[axis] - velocity(last)[axis]);
             measured.push(MeasuredKeyframe {
                 velocity: Some(velocity(t)),
@@ -208,8 +262,30 @@ mod tests {
     }
 
     fn found(age: f32, slip: f32, turns: f32, configured: f32) -> Option<OtherLatency> {
-        let (measured, explanation) = drive(age - configured, slip, turns);
-        other_latency(&measured, &explanation, &Matrix3::identity(), configured)
+        let identity = Matrix3::identity();
+        let (measured, explanation) = drive(age - configured, slip, turns, &identity);
+        other_latency(&measured, &explanation, &identity, configured)
+    }
+
+    #[test]
+    fn age_is_found_beside_wheels_of_unequal_radius_which_are_none() {
+        let mut wheels = Matrix3::identity();
+        for (entry, value) in [
+            ((0, 2), 0.012),
+            ((1, 2), -0.01),
+            ((2, 0), 0.15),
+            ((0, 1), 0.04),
+        ] {
+            wheels[entry] = value;
+        }
+        for age in [0.0_f32, 0.04, 0.08] {
+            let (measured, explanation) = drive(age, 0.0, 1.0, &wheels);
+            let found = other_latency(&measured, &explanation, &Matrix3::identity(), 0.0);
+            match found {
+                Some(found) => assert!((found.age - age).abs() < 0.012, "{age}: {found:?}"),
+                None => assert_eq!(age, 0.0),
+            }
+        }
     }
 
     #[test]

@@ -16,6 +16,7 @@ use vision::GroundMap;
 use super::assess::Trial;
 use super::change::Change;
 use super::effort::Effort;
+use super::latency;
 use super::measurements::{MeasuredKeyframe, measure};
 use super::origin_offset::OriginOffset;
 use super::variant::SetupVariant;
@@ -155,6 +156,17 @@ fn best_mount(trial: &Trial<'_>, measured: &[MeasuredKeyframe]) -> Result<MapMou
             } else {
                 " whose left and right are exchanged against it"
             }
+        );
+    }
+    // Older images look like a turned map: a delay shifts the poses of a robot that accelerates.
+    let latency = trial.setup.camera_latency(&trial.config.filter);
+    let wheels = variant.wheels(trial.setup);
+    if let Some(other) = latency::other_latency(measured, explanation, &wheels, latency) {
+        bail!(
+            "the images seem {:.0} ms old at their stamps, the set-up says {:.0} ms, which looks like a turned map: measure it first \
+             (`mirrorball calibrate latency`) and set [timing] camera_latency of robot.toml",
+            1e3 * other.age,
+            1e3 * other.configured
         );
     }
     let Some((_, turn_std)) = angle_between(&explanation.steps()) else {

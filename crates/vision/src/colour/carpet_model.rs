@@ -83,9 +83,7 @@ impl CarpetModel {
             return cell;
         }
         let middle = differences.len() / 2;
-        let median = *differences
-            .select_nth_unstable_by(middle, f32::total_cmp)
-            .1;
+        let median = *differences.select_nth_unstable_by(middle, f32::total_cmp).1;
         // Half of |N(0, √2 σ)| lies below 0.954 σ.
         math::hypot(median / 0.954, cell)
     }
