@@ -10,6 +10,9 @@ use super::measurements::{MeasuredKeyframe, WHEEL_PATH_MIN, wheel_path};
 const STEP_MIN: f32 = 0.05;
 const PATH_MIN: f32 = 0.4;
 
+/// Turns of the poses beyond which wheels without any turn are wrong, radians.
+const TURN_MIN: f32 = 1.0;
+
 /// Share of points on markings, and of wheels that agree, above which their poses can contradict another sensor.
 pub(super) const FIT_FINE: f32 = 0.6;
 
@@ -21,6 +24,25 @@ pub(super) fn wheels_stand_still(measured: &[MeasuredKeyframe]) -> bool {
     };
     let path: f32 = rows().map(|rows| wheel_path(Some(rows))).sum();
     rows().next().is_some() && path < WHEEL_PATH_MIN
+}
+
+/// Turns between the poses, half turns aside, radians, where the wheels report a path and no turn at all. None if they report some.
+pub(super) fn turns_without_wheels(
+    measured: &[MeasuredKeyframe],
+    explanation: &Explanation,
+) -> Option<f32> {
+    let rows = measured.iter().filter_map(|it| it.odometry.as_deref());
+    if rows.flatten().any(|[_, _, turn]| *turn != 0.0) || wheels_stand_still(measured) {
+        return None;
+    }
+    let poses: Vec<_> = explanation.keyframes.iter().map(|fit| fit.pose).collect();
+    let turns = poses
+        .array_windows()
+        .filter_map(|[before, after]| Some(angle_apart((*before)?.theta, (*after)?.theta)));
+    let has_rows = measured
+        .iter()
+        .any(|it| it.odometry.as_ref().is_some_and(|rows| !rows.is_empty()));
+    Some(turns.sum()).filter(|turn| has_rows && *turn > TURN_MIN)
 }
 
 /// Path between the poses by their median step, half turns aside, metres. None if the robot stands.

@@ -86,6 +86,12 @@ pub(super) fn find_fault(
             100.0 * share
         ));
     }
+    if wheels_agree && all.changes.is_unit_dead() {
+        return Some(
+            "its accelerations do not change where the velocities of the wheels do: no accelerometer, or a dead one"
+                .to_owned(),
+        );
+    }
     let angle = all.changes.angle_deg().filter(|_| wheels_agree)?;
     (angle.abs() > YAW_MAX_DEG).then(|| {
         format!(

@@ -17,6 +17,8 @@ const WINDOW: f32 = 0.2;
 /// Fewest changes of velocity, and their least root mean square, m/s.
 const CHANGES_MIN: f32 = 25.0;
 const CHANGE_MIN: f32 = 0.05;
+/// Share of the wheels' squared changes of velocity that a unit without accelerometer measures at most.
+const DEAD_SHARE: f32 = 0.01;
 /// Correlation of the changes of velocity, above which their directions are compared.
 const COHERENCE_MIN: f32 = 0.5;
 
@@ -174,6 +176,12 @@ impl VelocityChanges {
         self.inertial += ux * ux + uy * uy;
         self.wheels += wx * wx + wy * wy;
         self.count += 1.0;
+    }
+
+    /// True if the wheels' velocity changes, and the unit measures next to nothing of it.
+    pub(super) fn is_unit_dead(&self) -> bool {
+        let moves = self.wheels > self.count * CHANGE_MIN * CHANGE_MIN;
+        self.count >= CHANGES_MIN && moves && self.inertial < DEAD_SHARE * self.wheels
     }
 
     /// Angle from the unit's changes to those of the wheels, degrees. None if they are few, small or not related.

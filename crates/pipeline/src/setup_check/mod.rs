@@ -311,6 +311,12 @@ fn check_points(
     }
     let explained = assessment.explained();
     report.add_doubts(&assessment, explained, path_of_poses.flatten(), &ranges);
+    if let Some(turn) = dead_sensors::turns_without_wheels(measured, explained) {
+        report.doubt(format!(
+            "{}: the wheels report a path, but never a turn (dtheta_rad), and the images show turns of {turn:.1} radians",
+            setup.sensors.place(Table::Odometry)
+        ));
+    }
     report.added_pose_covariance = added_pose_covariance(setup, &assessment);
     report.doubt_markings(setup, &assessment);
     // A matrix of the wheels says about which point they turn.

@@ -28,6 +28,8 @@ const WHEEL_FITS: [(FitWheels, f32); 2] = [(factor_between, 1.0), (matrix_betwee
 /// Gain by the spread of the steps that leaves no doubt, and the smallest change of an element that is a mistake then.
 const MATRIX_GAIN_MIN: f32 = 15.0;
 const MATRIX_MIN: f32 = 0.06;
+/// Determinant of the part for translations below which a matrix leaves the wheels out.
+const DETERMINANT_MIN: f32 = 0.05;
 /// Corrections of a matrix: steps of wrong wheels join with an error.
 const MATRIX_PASSES: usize = 3;
 
@@ -120,6 +122,10 @@ impl Trial<'_> {
             };
             let after = Change::WheelMatrix(total).apply(variant);
             explanation = self.explain(&after, self.measured)?;
+        }
+        // Wheels that are left out agree with any motion.
+        if total.matrix.fixed_view::<2, 2>(0, 0).determinant().abs() < DETERMINANT_MIN {
+            return None;
         }
         let found = self.evaluate(variant, now, vec![Change::WheelMatrix(total)]);
         let (change, mut improvement) = found.into_iter().next()?;

@@ -2,11 +2,17 @@
 //! overlap no other sensor.
 
 use localize::Stamp;
+use localize::math;
 
 use crate::recording::{RecordedData, Recording, Table};
 
 /// Fastest turn of a robot, rad/s: a wheel speed of 5 m/s at 0.2 m from the centre.
 const TURN_RATE_MAX: f32 = 25.0;
+/// Fastest motion of a robot, m/s.
+const SPEED_MAX: f32 = 12.0;
+/// Share of the rows whose motion no robot makes, and of those that change as positions do, from which they are positions.
+const POSITIONS_MIN: f32 = 0.3;
+const CONTINUOUS_MIN: f32 = 0.95;
 /// Share of the rows that must exceed a limit: a single bad row is no wrong unit.
 const ROWS_MIN: f32 = 0.05;
 /// Longest time between rows of odometry that connects images, seconds.
@@ -34,6 +40,7 @@ pub(super) fn check_ranges(recording: &Recording) -> Vec<RangeFinding> {
         match &event.data {
             RecordedData::Odometry(odometry) => {
                 tables.odometry.push((event.stamp, odometry.dtheta));
+                tables.paths.push([odometry.dx, odometry.dy]);
             }
             RecordedData::Compass(compass) => tables.compass.push((event.stamp, compass.heading)),
             RecordedData::Image(_) => tables.images.push(event.stamp),
@@ -45,6 +52,7 @@ pub(super) fn check_ranges(recording: &Recording) -> Vec<RangeFinding> {
         }
     }
     let checks = [
+        tables.check_positions(),
         tables.check_turns(),
         tables.check_headings(),
         tables.check_odometry_stamps(),
@@ -56,6 +64,8 @@ pub(super) fn check_ranges(recording: &Recording) -> Vec<RangeFinding> {
 #[derive(Default)]
 struct Tables {
     odometry: Vec<(Stamp, f32)>,
+    /// dx and dy of each row, metres.
+    paths: Vec<[f32; 2]>,
     compass: Vec<(Stamp, f32)>,
     images: Vec<Stamp>,
     from_points: bool,
@@ -68,6 +78,41 @@ impl Tables {
         } else {
             "frames.csv"
         }
+    }
+
+    /// Rows that no robot moves by, and which change as little as a position does.
+    fn check_positions(&self) -> Option<RangeFinding> {
+        let rows = self.odometry.windows(2).zip(self.paths.windows(2));
+        let timed = rows.filter_map(|(stamps, paths)| {
+            let seconds = (stamps[1].0 - stamps[0].0) as f32;
+            (seconds > 0.0).then_some((seconds, paths[0], paths[1]))
+        });
+        let speeds: Vec<[f32; 2]> = timed
+            .map(|(seconds, before, after)| {
+                let change = [after[0] - before[0], after[1] - before[1]];
+                [after, change].map(|[x, y]| math::hypot(x, y) / seconds)
+            })
+            .collect();
+        let count = speeds.len();
+        let fast = speeds.iter().filter(|[row, _]| *row > SPEED_MAX).count();
+        let continuous = speeds
+            .iter()
+            .filter(|[_, change]| *change < SPEED_MAX)
+            .count();
+        (share(fast, count) > POSITIONS_MIN && share(continuous, count) > CONTINUOUS_MIN)
+            .then(|| {
+                let far = self.paths.iter().map(|[x, y]| math::hypot(*x, *y));
+                RangeFinding {
+                    table: Table::Odometry,
+                    found: format!(
+                        "odometry.csv: dx_m and dy_m reach {:.1} m in a row and change little from row to row: positions, not the motion since the row before?",
+                        far.fold(0.0, f32::max)
+                    ),
+                    change: "odometry.csv: in each row the motion since the previous one, dx_m and dy_m in the robot frame of that row"
+                        .to_owned(),
+                    fit: [share(count - fast, count), 1.0],
+                }
+            })
     }
 
     /// Turns per row that no robot makes.

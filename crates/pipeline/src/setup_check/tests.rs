@@ -81,3 +81,33 @@ fn recording_whose_odometry_ends_early_has_no_finding() {
     std::fs::write(folder.path().join("odometry.csv"), odometry).expect("a file");
     assert_eq!(read(folder.path()), []);
 }
+
+#[test]
+fn odometry_of_positions_is_named_and_that_of_another_unit_is_not() {
+    let found = |row: &dyn Fn(f64) -> [f64; 2]| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let rows = (0..800).fold("stamp_s,dx_m,dy_m,dtheta_rad\n".to_owned(), |all, k| {
+            let time = 0.01 * f64::from(k);
+            let [x, y] = row(time);
+            format!("{all}{time:.2},{x},{y},0.01\n")
+        });
+        std::fs::write(folder.path().join("odometry.csv"), rows).expect("written");
+        let points = (0..80).fold("stamp_s,x_m,y_m\n".to_owned(), |all, k| {
+            format!("{all}{:.1},1.0,0.0\n", 0.1 * f64::from(k))
+        });
+        std::fs::write(folder.path().join("points.csv"), points).expect("written");
+        check_ranges(&Recording::open(folder.path(), 0.04).expect("a recording"))
+    };
+    // A drive of 1.5 m/s.
+    let velocity = |time: f64| [1.5 * (0.7 * time).cos(), 1.5 * (0.7 * time).sin()];
+    let position = |time: f64| [2.1 * (0.7 * time).sin(), 2.1 - 2.1 * (0.7 * time).cos()];
+    let positions = found(&position);
+    assert_eq!(positions.len(), 1, "{positions:?}");
+    assert!(positions[0].found.contains("positions"), "{positions:?}");
+    assert_eq!(found(&|time| velocity(time).map(|v| 0.01 * v)), []);
+    let noise = |time: f64| 1.0 + 0.2 * (1000.0 * time).sin();
+    assert_eq!(
+        found(&|time| velocity(time).map(|v| 10.0 * v * noise(time))),
+        []
+    );
+}
