@@ -52,8 +52,8 @@ pub(super) fn check_ranges(recording: &Recording) -> Vec<RangeFinding> {
         }
     }
     let checks = [
-        tables.check_positions(),
-        tables.check_turns(),
+        // Headings look like turns in degrees.
+        tables.check_positions().or_else(|| tables.check_turns()),
         tables.check_headings(),
         tables.check_odometry_stamps(),
         tables.check_image_stamps(),
