@@ -373,7 +373,8 @@ mod tests {
 
     #[test]
     fn edits_name_what_the_operator_can_change() {
-        let field = localize::Field::new(FieldConfig::default()).expect("a field");
+        let path = crate::paths::find_resource("config/fields/msl_18x12.toml").expect("a file");
+        let field = localize::Field::load(&path).expect("a field");
         let mut setup = Setup::without_camera(field);
         let text =
             |setup: &Setup, change: &Change| change.text(setup, &SetupVariant::configured(setup));

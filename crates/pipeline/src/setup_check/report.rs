@@ -132,7 +132,7 @@ pub struct SetupReport {
     pub unusable: Vec<Table>,
     /// What measured.
     #[serde(skip)]
-    pub(super) sensors: SensorSource,
+    pub sensors: SensorSource,
 }
 
 impl SetupReport {
