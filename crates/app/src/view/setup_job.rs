@@ -15,7 +15,7 @@ pub(crate) enum SetupCheck {
     /// In progress.
     Running(Receiver<Result<SetupReport>>),
     /// Its result.
-    Done(Result<SetupReport>),
+    Done(Result<Box<SetupReport>>),
 }
 
 impl SetupCheck {
@@ -40,7 +40,7 @@ impl SetupCheck {
             return;
         };
         match receiver.try_recv() {
-            Ok(result) => *self = SetupCheck::Done(result),
+            Ok(result) => *self = SetupCheck::Done(result.map(Box::new)),
             Err(TryRecvError::Empty) => {}
             Err(TryRecvError::Disconnected) => {
                 *self = SetupCheck::Done(Err(anyhow!("the check of the set-up panicked")));

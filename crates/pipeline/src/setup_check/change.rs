@@ -139,7 +139,11 @@ impl Change {
 
     /// The edit to make; `after`: the variant with the change.
     pub(super) fn text(&self, setup: &Setup, after: &SetupVariant) -> String {
-        let is_live = setup.sensors == SensorSource::Devices;
+        if setup.sensors == SensorSource::Devices
+            && let Some(text) = self.text_for_devices()
+        {
+            return text;
+        }
         match self {
             Change::Field(path, _) => {
                 format!("robot.toml: field = {:?}", path.display().to_string())
@@ -150,14 +154,6 @@ impl Change {
                 format!("field.toml: {}", edits.collect::<Vec<_>>().join(", "))
             }
             Change::Mount { quarters, mirrored } => mount_text(setup, after, *quarters, *mirrored),
-            Change::CompassTurn(degrees) if is_live => {
-                format!("hardware.toml: add {degrees} to north_deg of the compass")
-            }
-            Change::CompassMirrored(degrees) if is_live => {
-                format!(
-                    "hardware.toml: clockwise of the compass is the other way round (then north_deg = {degrees} less the present one)"
-                )
-            }
             Change::CompassTurn(degrees) => {
                 format!(
                     "compass.csv: turn heading_rad by {degrees} degrees (the compass is mounted so)"
@@ -173,11 +169,6 @@ impl Change {
                 )
             }
             Change::CameraTurn(angle) => turn_text(setup, after, *angle),
-            Change::OdometryScale(scale) if is_live => {
-                format!(
-                    "robot.toml: multiply the wheels' radii by {scale}, or the base counts in another unit"
-                )
-            }
             Change::OdometryScale(scale) if *scale < 1.0 => {
                 let unit = if *scale < 0.005 {
                     "millimetres"
@@ -204,9 +195,6 @@ impl Change {
                         .then(|| format!("change the sign of {}", negated.join(" and "))),
                 ];
                 let edits: Vec<String> = edits.into_iter().flatten().collect();
-                if is_live {
-                    return "robot.toml: the wheels' order and directions, or hardware.toml: reversed of [base] (`mirrorball calibrate wheels` measures them)".to_owned();
-                }
                 format!(
                     "odometry.csv: {} (x is forward, y left, turns are counter-clockwise)",
                     edits.join(", then ")
@@ -241,6 +229,27 @@ impl Change {
                     "calibrate the map again: the image has moved by ({du:+.1}, {dv:+.1}) pixels"
                 ),
             },
+        }
+    }
+
+    /// The edit to make on a robot, whose sensors have no tables. None where it is the same as for a recording.
+    fn text_for_devices(&self) -> Option<String> {
+        match self {
+            Change::CompassTurn(degrees) => Some(format!(
+                "hardware.toml: add {degrees} to north_deg of the compass"
+            )),
+            Change::CompassMirrored(degrees) => Some(format!(
+                "hardware.toml: clockwise of the compass is the other way round (then north_deg = {degrees} less the present one)"
+            )),
+            Change::OdometryScale(scale) => Some(format!(
+                "robot.toml: multiply wheel_radius by {scale}, or the base counts in another unit"
+            )),
+            Change::OdometryAxes { .. } => Some(
+                "robot.toml: the wheels' order and directions, or hardware.toml: reversed of [base] (`mirrorball calibrate wheels` \
+                 measures them)"
+                    .to_owned(),
+            ),
+            _ => None,
         }
     }
 

@@ -3,6 +3,8 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use localize::math;
+
 use super::ranges::{RangeFinding, check_ranges};
 use crate::recording::{Recording, Table};
 
@@ -99,13 +101,15 @@ fn odometry_of_positions_is_named_and_that_of_another_unit_is_not() {
         check_ranges(&Recording::open(folder.path(), 0.04).expect("a recording"))
     };
     // A drive of 1.5 m/s.
-    let velocity = |time: f64| [1.5 * (0.7 * time).cos(), 1.5 * (0.7 * time).sin()];
-    let position = |time: f64| [2.1 * (0.7 * time).sin(), 2.1 - 2.1 * (0.7 * time).cos()];
+    let velocity =
+        |time: f64| [math::cos(0.7 * time), math::sin(0.7 * time)].map(|part| 1.5 * part);
+    let position =
+        |time: f64| [math::sin(0.7 * time), 1.0 - math::cos(0.7 * time)].map(|part| 2.1 * part);
     let positions = found(&position);
     assert_eq!(positions.len(), 1, "{positions:?}");
     assert!(positions[0].found.contains("positions"), "{positions:?}");
     assert_eq!(found(&|time| velocity(time).map(|v| 0.01 * v)), []);
-    let noise = |time: f64| 1.0 + 0.2 * (1000.0 * time).sin();
+    let noise = |time: f64| 1.0 + 0.2 * math::sin(1000.0 * time);
     assert_eq!(
         found(&|time| velocity(time).map(|v| 10.0 * v * noise(time))),
         []
