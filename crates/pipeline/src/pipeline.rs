@@ -369,6 +369,7 @@ impl Pipeline {
         self.add_inputs(&inputs);
         if let Some(covariance) = inputs.setup_doubt {
             self.doubt = (covariance != Matrix3::zeros()).then_some(covariance);
+            self.localizer.doubt_setup(self.doubt.is_some());
         }
         let goals = correct_goals(features.goals, self.localizer.map_correction());
         self.localizer.add_goals(stamp, &goals);

@@ -140,6 +140,8 @@ pub struct Localizer {
     expected_tilt: [f32; 2],
     /// Prior of the current image's tilt.
     tilt_prior: TiltPrior,
+    /// Somebody found that field, map or sensors are not as configured.
+    setup_is_doubted: bool,
     /// Posterior variances of the tilt in the last tracked image, rad².
     tilt_variances: Option<[f32; 2]>,
     repeated_error: RepeatedPoseError,
@@ -236,6 +238,7 @@ impl Localizer {
             tilt_spread: TiltSpread::new(&config),
             global_check: None,
             tilt_prior: TiltPrior::STATE,
+            setup_is_doubted: false,
             tilt_variances: None,
             expected_tilt: [0.0; 2],
             repeated_error: RepeatedPoseError::default(),
@@ -276,6 +279,11 @@ impl Localizer {
     /// Particles of the Monte Carlo search. Empty for other methods.
     pub fn particles(&self) -> &[Pose] {
         self.global_search.particles()
+    }
+
+    /// Field, map or sensors are not as configured, or are so again: what does not fit the field is then no tilt of the robot.
+    pub fn doubt_setup(&mut self, is_doubted: bool) {
+        self.setup_is_doubted = is_doubted;
     }
 
     /// Starts tracking from a known pose (placed by hand, or a team-mate's message). Its field half counts as established.

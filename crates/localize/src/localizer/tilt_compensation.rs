@@ -13,6 +13,9 @@ use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 use crate::tilt::ground_from_map;
 
+/// Standard deviation of the pose by an uncertain map above which no unmeasured tilt is sought, metres.
+const MAP_STD_MAX: f32 = 0.03;
+
 impl Localizer {
     /// Compensates the points for the tilt at the exposure and sets the prior of the remaining tilt.
     ///
@@ -40,7 +43,11 @@ impl Localizer {
         compensate_points(points, expected.mean, matching.viewpoint_height);
         self.expected_tilt = expected.mean;
         self.tilt_prior = if filter_tilt.is_some() {
-            let unmeasured_std = self.tilt_spread.unmeasured_std();
+            let unmeasured_std = if self.knows_map() {
+                self.tilt_spread.unmeasured_std()
+            } else {
+                0.0
+            };
             self.matcher
                 .set_tilt_std(math::hypot(expected.std, unmeasured_std));
             TiltPrior::FromState { unmeasured_std }
@@ -49,6 +56,15 @@ impl Localizer {
             TiltPrior::Independent(self.matcher.tilt_std())
         };
         Some(ImuTilt { measured, expected })
+    }
+
+    /// False while the set-up is doubted, or the map's errors may be as large as tilts that no unit reports: both move points alike.
+    fn knows_map(&self) -> bool {
+        if self.setup_is_doubted {
+            return false;
+        }
+        let by_map = self.map_pose_covariance();
+        by_map[(0, 0)].max(by_map[(1, 1)]) < MAP_STD_MAX * MAP_STD_MAX
     }
 
     /// Learns the spread of tilt and points from the last match, of a tracked image that most points support.

@@ -12,11 +12,11 @@ const TILT_DRIFT: f32 = 0.2;
 /// Smallest standard deviation of the tilt, degrees. A smaller one would take long to notice a robot that begins to lean.
 const TILT_STD_MIN_DEG: f32 = 0.03;
 /// Tilt that an inertial unit does not measure (vibration, a unit without rates about x and y, or one that is late): standard deviation
-/// of an image's, degrees, that counts as a factor of 1; log factor at the start, 0.3°, and its standard deviation. Narrower at the
+/// of an image's, degrees, that counts as a factor of 1; log factor at the start, 0.14°, and its standard deviation. Narrower at the
 /// start, the first images of a robot that rocks would teach biases of the gyro. It does not fall below 0.05°, where a robot that begins
 /// to rock would not be noticed.
 const UNMEASURED_STD_DEG: f32 = 1.0;
-const UNMEASURED_LOG_FACTOR: f32 = -2.4;
+const UNMEASURED_LOG_FACTOR: f32 = -4.0;
 const UNMEASURED_LOG_STD: f32 = 1.5;
 /// Longest time that counts between two images, seconds.
 const SECONDS_MAX: f64 = 1.0;

@@ -321,10 +321,12 @@ impl Localizer {
         matched: &Match,
     ) -> Option<Match> {
         let unmeasured_std = self.config.matching.tilt_std_deg.to_radians();
-        let learned = self.tilt_spread.unmeasured_std();
-        let is_narrow = matches!(self.tilt_prior, TiltPrior::FromState { .. })
-            && learned > 0.0
-            && learned < unmeasured_std;
+        let is_narrow = match self.tilt_prior {
+            TiltPrior::FromState {
+                unmeasured_std: learned,
+            } => learned > 0.0 && learned < unmeasured_std,
+            TiltPrior::Independent(_) => false,
+        };
         let margin = self.score_margin(points.len());
         let gain = |score: f32| (score - matched.score) * points.len() as f32;
         if !is_narrow || gain(1.0) <= margin {
