@@ -84,6 +84,24 @@ pub enum MeasuredTo {
     OuterEdges,
 }
 
+impl MeasuredTo {
+    /// The value of the key.
+    pub fn name(self) -> &'static str {
+        match self {
+            MeasuredTo::Centres => "centres",
+            MeasuredTo::OuterEdges => "outer_edges",
+        }
+    }
+
+    /// The other reference.
+    pub fn other(self) -> Self {
+        match self {
+            MeasuredTo::Centres => MeasuredTo::OuterEdges,
+            MeasuredTo::OuterEdges => MeasuredTo::Centres,
+        }
+    }
+}
+
 /// A rectangle in front of a goal.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -1,21 +1,16 @@
 //! Does another set-up explain the measurements better? Tries single changes, then further ones on top of the best.
 
-use std::path::Path;
-
 use localize::Field;
 use localize::config::LocalizeConfig;
-use localize::field::FieldConfig;
 use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain};
 use rayon::prelude::*;
 
 use super::change::Change;
 use super::effort::Effort;
-use super::field_size::{Axis, FieldSize};
-use super::field_sizes;
+use super::field_search::shipped_fields;
 use super::inertial;
-use super::measurements::{MeasuredKeyframe, thin_out};
+use super::measurements::MeasuredKeyframe;
 use super::variant::SetupVariant;
-use crate::paths;
 use crate::setup::Setup;
 
 /// A change that explains the measurements better.
@@ -73,19 +68,10 @@ impl Assessment {
 pub(super) const FIRM_MIN: f32 = 0.85;
 /// Most changes on top of each other.
 const CHANGES_MAX: usize = 3;
-/// Keyframes for the first selection of a field's size; the best sizes are then compared on all.
-pub(super) const SCAN_KEYFRAMES: usize = 12;
-/// Steps of a field's size, metres: half of the first is within the matcher's reach.
-const SIZE_STEPS: [f32; 3] = [0.5, 0.2, 0.05];
-/// Range of a field's size against the configured one.
-const SIZE_RANGE: (f32, f32) = (0.5, 2.0);
 /// Share of points above which no other field can be much better.
 const POINTS_FINE: f32 = 0.93;
 /// Share of wheel steps or compass readings above which they agree.
 pub(super) const SENSORS_FINE: f32 = 0.9;
-/// A smaller change of a field's size is no mistake: share of the size, and metres for a large one.
-const SIZE_SHARE_MIN: f32 = 0.02;
-const SIZE_MIN: f32 = 0.1;
 /// Agreement of the wheels below which their unit is tried.
 const SCALES_TRIED_BELOW: f32 = 0.5;
 /// Factors of the wheels' path: centimetres, millimetres, and the opposite confusions.
@@ -223,9 +209,13 @@ impl Trial<'_> {
         if other_fields && !centre_explains {
             found.extend(self.search_far_centre(variant, now));
         }
+        found.extend(self.search_measured_to(variant, now));
         found.extend(self.evaluate(variant, now, changes));
         found.extend(self.search_turn(variant, now, wheels < SENSORS_FINE));
         found.extend(self.search_wheels(variant, now));
+        if wheels < SENSORS_FINE {
+            found.extend(self.search_fixed_axes(variant, now));
+        }
         let arbitrary = now.on_markings() < ARBITRARY_MAX
             && found.iter().any(|(change, improvement)| {
                 matches!(change, Change::Field(..)) && !improvement.comparison.is_worse()
@@ -272,7 +262,9 @@ impl Trial<'_> {
         let is_axis = |found: &Improvement| {
             matches!(
                 found.change,
-                Change::OdometryScale(_) | Change::OdometryAxes { .. }
+                Change::OdometryScale(_)
+                    | Change::OdometryAxes { .. }
+                    | Change::OdometryFixedAxes(_)
             )
         };
         if better.iter().any(|found| is_axis(found) && found.is_firm()) {
@@ -286,7 +278,9 @@ impl Trial<'_> {
             let wheels_are_turned = inertial::wheels_are_turned(self.measured);
             better.sort_by_key(|other| match other.change {
                 Change::Mount { .. } if !wheels_are_turned => 0,
-                Change::OdometryScale(_) | Change::OdometryAxes { .. } => 1,
+                Change::OdometryScale(_)
+                | Change::OdometryAxes { .. }
+                | Change::OdometryFixedAxes(_) => 1,
                 _ => 2,
             });
         }
@@ -326,69 +320,6 @@ impl Trial<'_> {
             })
             .collect()
     }
-
-    /// The best length and the best width, each alone.
-    fn search_size(&self, variant: &SetupVariant, now: &Explanation) -> Vec<(Change, Improvement)> {
-        let stride = self.measured.len().div_ceil(SCAN_KEYFRAMES).max(1);
-        let subset = thin_out(self.measured, stride);
-        let changes = [Axis::X, Axis::Y].map(|axis| self.best_extent(variant, &subset, axis));
-        let changes = changes.into_iter().flatten().collect();
-        self.evaluate(variant, now, changes)
-    }
-
-    /// All sizes of the field together: a field of another kind, of which no single size explains much.
-    fn search_all_sizes(&self, variant: &SetupVariant, now: &Explanation) -> Option<Improvement> {
-        let keyframes = variant.apply(self.setup, self.measured);
-        let field = field_sizes::search(&variant.field, &keyframes, now, &self.config);
-        let changed = field_sizes::changed(&variant.field, &field).len();
-        if changed == 0 {
-            return None;
-        }
-        let change = Change::Sizes {
-            from: Box::new(variant.field.clone()),
-            to: Box::new(field),
-        };
-        let found = self.evaluate(variant, now, vec![change]);
-        let mut improvement = found.into_iter().next()?.1;
-        improvement.comparison.gain -= field_sizes::PRIOR_COST * changed as f32;
-        improvement.comparison.is_better().then_some(improvement)
-    }
-
-    /// The best distance between the field's ends or sides. None for the configured one.
-    fn best_extent(
-        &self,
-        variant: &SetupVariant,
-        subset: &[MeasuredKeyframe],
-        axis: Axis,
-    ) -> Option<Change> {
-        let extent = FieldSize::between_ends(&variant.field, axis)?;
-        let start = extent.get(&variant.field);
-        let change = |metres: f32| Change::Sizes {
-            from: Box::new(variant.field.clone()),
-            to: Box::new(extent.with(&variant.field, metres)),
-        };
-        let cost = |size: f32| {
-            let explanation = self.explain(&change(size).apply(variant), subset)?;
-            Some((size, explanation.cost()))
-        };
-        let cheapest = |sizes: Vec<f32>| -> Option<(f32, f32)> {
-            let costs: Vec<(f32, f32)> = sizes.into_par_iter().filter_map(cost).collect();
-            costs.into_iter().min_by(|a, b| a.1.total_cmp(&b.1))
-        };
-        let [coarse, fine @ ..] = SIZE_STEPS;
-        let (below, above) = (
-            (start * (1.0 - SIZE_RANGE.0) / coarse) as i32,
-            (start * (SIZE_RANGE.1 - 1.0) / coarse) as i32,
-        );
-        let sizes = (-below..=above).map(|k| start + coarse * k as f32);
-        let (mut best, _) = cheapest(sizes.collect())?;
-        for step in fine {
-            let sizes = (-2..=2).map(|k| best + step * k as f32);
-            (best, _) = cheapest(sizes.collect())?;
-        }
-        ((best - start).abs() > SIZE_MIN.min(SIZE_SHARE_MIN * start))
-            .then(|| change((best * 100.0).round() / 100.0))
-    }
 }
 
 fn mounts() -> impl Iterator<Item = Change> {
@@ -421,38 +352,4 @@ fn odometry_axes() -> impl Iterator<Item = Change> {
     });
     // The first one is the configured one.
     all.skip(1)
-}
-
-/// The fields of config/fields that differ from the variant's.
-fn shipped_fields(variant: &SetupVariant) -> Vec<Change> {
-    let Ok(folder) = paths::find_resource("config/fields") else {
-        return Vec::new();
-    };
-    let mut files: Vec<_> = std::fs::read_dir(folder)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|ext| ext == "toml"))
-        .collect();
-    files.sort();
-    files
-        .into_iter()
-        .filter_map(|path| {
-            let field = Field::load(&path).ok()?.config;
-            (!is_same_size(&field, &variant.field))
-                .then(|| Change::Field(shorten(&path), Box::new(field)))
-        })
-        .collect()
-}
-
-fn is_same_size(a: &FieldConfig, b: &FieldConfig) -> bool {
-    (a.length - b.length).abs() < SIZE_SHARE_MIN * b.length
-        && (a.width - b.width).abs() < SIZE_SHARE_MIN * b.width
-}
-
-/// The path below the repository, if it is there.
-fn shorten(path: &Path) -> std::path::PathBuf {
-    let name = path.file_name().unwrap_or_default();
-    Path::new("config/fields").join(name)
 }

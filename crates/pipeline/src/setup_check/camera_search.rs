@@ -4,8 +4,9 @@ use localize::setup_check::{Explanation, FieldTables, explain, refine};
 use localize::{Field, math};
 use rayon::prelude::*;
 
-use super::assess::{Improvement, SCAN_KEYFRAMES, Trial};
+use super::assess::{Improvement, Trial};
 use super::change::Change;
+use super::field_search::SCAN_KEYFRAMES;
 use super::measurements::{MeasuredKeyframe, thin_out};
 use super::origin_offset::compare_with_offsets;
 use super::variant::SetupVariant;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use localize::field::FieldConfig;
+use localize::field::{FieldConfig, MeasuredTo};
 use localize::robot::CameraConfig;
 use localize::setup_check::Explanation;
 use localize::wheel_steps::MatrixFit;
@@ -33,6 +33,8 @@ pub(super) enum Change {
         /// The field with the same markings in other places.
         to: Box<FieldConfig>,
     },
+    /// The field's sizes measured to another edge of the lines.
+    MeasuredTo(MeasuredTo),
     /// The camera turned by quarters, then perhaps mirrored.
     Mount {
         /// Quarter turns.
@@ -55,6 +57,8 @@ pub(super) enum Change {
         /// Signs of dx, dy and dtheta: 1 or -1.
         signs: [f32; 3],
     },
+    /// The wheels' path in axes that do not turn with the robot, with its heading there at the first keyframe, radians.
+    OdometryFixedAxes(f32),
     /// The wheels' motion (metres, metres, radians) multiplied by a matrix.
     WheelMatrix(MatrixFit),
     /// Headings in degrees.
@@ -99,6 +103,7 @@ impl Change {
             Change::Field(_, field) | Change::Sizes { to: field, .. } => {
                 changed.field = (**field).clone();
             }
+            Change::MeasuredTo(to) => changed.field.measured_to = *to,
             Change::Mount { quarters, mirrored } => {
                 // Turned after the mount of `variant`: a mirrored one turns the other way.
                 let own = if variant.mirrored {
@@ -127,6 +132,7 @@ impl Change {
                 }
                 changed.wheel_matrix = axes * changed.wheel_matrix;
             }
+            Change::OdometryFixedAxes(heading) => changed.fixed_axes = Some(*heading),
             Change::WheelMatrix(fit) => changed.wheel_matrix = fit.matrix * changed.wheel_matrix,
             Change::CompassInDegrees => changed.compass_unit_scale = 1.0_f32.to_radians(),
             Change::OdometryRotationInDegrees => changed.rotation_unit_scale = 1.0_f32.to_radians(),
@@ -152,6 +158,10 @@ impl Change {
                 let sizes = field_sizes::changed(from, to);
                 let edits = sizes.iter().map(|size| size.text(from, to));
                 format!("field.toml: {}", edits.collect::<Vec<_>>().join(", "))
+            }
+            Change::MeasuredTo(to) => {
+                let (now, to) = (to.other().name(), to.name());
+                format!("field.toml: measured_to = {to:?} (now {now:?})")
             }
             Change::Mount { quarters, mirrored } => mount_text(setup, after, *quarters, *mirrored),
             Change::CompassTurn(degrees) => {
@@ -200,6 +210,10 @@ impl Change {
                     edits.join(", then ")
                 )
             }
+            Change::OdometryFixedAxes(_) => {
+                "odometry.csv: turn dx_m and dy_m by the negative heading of the robot: they are in axes that do not turn with it (x is forward, y left)"
+                    .to_owned()
+            }
             Change::WheelMatrix(fit) => wheels_text(setup, after, fit),
             Change::CompassInDegrees => {
                 "compass.csv: convert heading_rad from degrees to radians (divide by 57.29578)"
@@ -244,6 +258,10 @@ impl Change {
             Change::OdometryScale(scale) => Some(format!(
                 "robot.toml: multiply wheel_radius by {scale}, or the base counts in another unit"
             )),
+            Change::OdometryFixedAxes(_) => Some(
+                "the base reports its path in axes that do not turn with the robot: report motion forward and to the left"
+                    .to_owned(),
+            ),
             Change::OdometryAxes { .. } => Some(
                 "robot.toml: the wheels' order and directions, or hardware.toml: reversed of [base] (`mirrorball calibrate wheels` \
                  measures them)"
@@ -261,6 +279,7 @@ impl Change {
             }
             Change::OdometryScale(_)
             | Change::OdometryAxes { .. }
+            | Change::OdometryFixedAxes(_)
             | Change::WheelMatrix(_)
             | Change::OdometryRotationInDegrees
             | Change::CameraTurn(_) => explanation.wheels_agree(),
@@ -284,6 +303,7 @@ impl Change {
                     "the field's markings are of other sizes"
                 }
             }
+            Change::MeasuredTo(_) => "the field's sizes are those between other edges of the lines",
             Change::Mount { mirrored: true, .. } => "left and right of the image are exchanged",
             Change::Mount { .. } => "the camera's forward direction is wrong",
             Change::CompassTurn(_) => "the compass is turned",
@@ -295,6 +315,9 @@ impl Change {
                 signs: [-1.0, -1.0, 1.0],
             } => "the odometry is turned by 180 degrees",
             Change::OdometryAxes { .. } => "the odometry's axes or signs are wrong",
+            Change::OdometryFixedAxes(_) => {
+                "the odometry's path is in axes that do not turn with the robot"
+            }
             Change::WheelMatrix(_) => "the wheels' radii or directions are wrong",
             Change::CompassInDegrees => "the compass's headings are in degrees",
             Change::OdometryRotationInDegrees => "the odometry's turns are in degrees",

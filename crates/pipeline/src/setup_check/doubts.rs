@@ -11,9 +11,9 @@ use super::inertial;
 use super::latency::OtherLatency;
 use super::measurements::MeasuredKeyframe;
 use super::origin_offset::OriginOffset;
+use super::pose_covariance::unknown_pose_covariance;
 use super::ranges::RangeFinding;
 use super::report::SetupReport;
-use super::unknown_pose_covariance;
 use crate::recording::Table;
 use crate::setup::{SensorSource, Setup};
 
@@ -57,6 +57,7 @@ impl SetupReport {
                     found.change,
                     Change::OdometryScale(_)
                         | Change::OdometryAxes { .. }
+                        | Change::OdometryFixedAxes(_)
                         | Change::OdometryRotationInDegrees
                 )
             });
@@ -162,18 +163,48 @@ impl SetupReport {
         self.add_covariance(offset.pose_covariance());
     }
 
-    /// Doubts an inertial unit that contradicts the poses or the wheels, and leaves it out.
+    /// Adds that a sensor's stamps are `late` seconds behind those of the wheels. `what`: what it measures.
+    pub(super) fn doubt_stamps(&mut self, table: Table, what: &str, late: f32) {
+        let (word, edit) = if late > 0.0 {
+            ("late", "subtract")
+        } else {
+            ("early", "add")
+        };
+        let edit = match self.sensors {
+            SensorSource::Tables => format!("{edit} {:.2} in the column stamp_s", late.abs()),
+            SensorSource::Devices => {
+                "let its driver stamp a sample when it was measured".to_owned()
+            }
+        };
+        self.doubt(format!(
+            "{}: its {what} come about {:.2} s too {word}, as the wheels turn (their stamps agree with the images): {edit}, or look for a filter in the sensor",
+            self.sensors.place(table),
+            late.abs()
+        ));
+    }
+
+    /// Doubts an inertial unit that contradicts the poses or the wheels, and leaves it out. `late`: its stamps, seconds.
     pub(super) fn doubt_inertial_unit(
         &mut self,
         measured: &[MeasuredKeyframe],
         assessment: &Assessment,
+        late: Option<f32>,
     ) {
         let explained = assessment.explained();
         if explained.on_markings() <= FIT_FINE {
             return;
         }
-        let has_other_axes =
-            assessment.has_edit(|change| matches!(change, Change::OdometryAxes { .. }));
+        if let Some(late) = late {
+            self.unusable.push(Table::Imu);
+            self.doubt_stamps(Table::Imu, "turns", late);
+            return;
+        }
+        let has_other_axes = assessment.has_edit(|change| {
+            matches!(
+                change,
+                Change::OdometryAxes { .. } | Change::OdometryFixedAxes(_)
+            )
+        });
         let wheels_agree = explained
             .wheels_agree()
             .is_none_or(|share| share > FIT_FINE);

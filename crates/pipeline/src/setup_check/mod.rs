@@ -2,7 +2,7 @@
 //!
 //! `ranges` reads what the tables betray, `measurements` selects keyframes, `assess` compares variants of the set-up
 //! (`variant`, `change`) by `localize::setup_check`, `origin_offset` where the wheels turn, `dead_sensors`, `compass_faults` and `inertial` find
-//! sensors that say nothing or lie, `image_scan` images that show no field. The report has warnings for every run and suggestions for the
+//! sensors that say nothing or lie, `late_turns` those whose stamps are late, `image_scan` images that show no field. The report has warnings for every run and suggestions for the
 //! doctor.
 
 mod assess;
@@ -16,18 +16,21 @@ mod dead_sensors;
 mod doubts;
 mod effort;
 mod expected_mount;
+mod field_search;
 mod field_size;
 mod field_sizes;
 mod image_age;
 mod image_scan;
 mod inertial;
 mod inertial_motion;
+mod late_turns;
 mod latency;
 mod map_mount;
 mod measurements;
 mod motion_search;
 mod odometry_coverage;
 mod origin_offset;
+mod pose_covariance;
 mod ranges;
 mod report;
 #[cfg(test)]
@@ -37,9 +40,7 @@ mod variant;
 use std::path::Path;
 
 use anyhow::Result;
-use localize::field::FieldConfig;
-use localize::setup_check::Explanation;
-use nalgebra::{Matrix3, Vector3};
+use localize::setup_check::{Explanation, compare};
 
 pub use collector::KeyframeCollector;
 pub use effort::Effort;
@@ -59,15 +60,13 @@ use assess::{Assessment, Improvement, Trial, assess, compass_agreement_in_degree
 use change::Change;
 use compass_faults::CompassFault;
 use dead_sensors::FIT_FINE;
-use field_size::{Axis, FieldSize};
 use image_age::ImageAge;
 use latency::OtherLatency;
 use odometry_coverage::OdometryGaps;
 use origin_offset::OriginOffset;
+use pose_covariance::added_pose_covariance;
 use variant::SetupVariant;
 
-/// Position error that remains under a wrong field, metres, and heading error, radians.
-const DOUBT_STD: (f32, f32) = (0.25, 0.1);
 /// Share of compass readings that agree although the range of the column looks like degrees.
 const COMPASS_FINE: f32 = 0.8;
 
@@ -202,7 +201,9 @@ fn check_tables(
         return given;
     };
     let (mut report, with_mount) = check_points(setup, config, &by_mount, tables, effort);
-    if field_is_better_than_mount(&assessment, &with_mount) {
+    if field_is_better_than_mount(&assessment, &with_mount)
+        || lines_are_better_than_mount(&assessment, &with_mount)
+    {
         return given;
     }
     if let Some(figures) = &mut report.figures {
@@ -232,6 +233,14 @@ fn field_is_better_than_mount(given: &Assessment, with_mount: &Assessment) -> bo
     given.edits().any(|found| {
         matches!(found.change, Change::Sizes { .. } | Change::Field(..))
             && found.explanation.on_markings() > by_mount + EQUAL_SHARE
+    })
+}
+
+/// Do sizes to other edges of the lines explain the points `given` by the map clearly better than the mount does?
+fn lines_are_better_than_mount(given: &Assessment, with_mount: &Assessment) -> bool {
+    given.edits().any(|found| {
+        matches!(found.change, Change::MeasuredTo(_))
+            && compare(&with_mount.configured, &found.explanation).is_better()
     })
 }
 
@@ -326,6 +335,10 @@ fn check_points(
     {
         report.doubt_origin(&offset);
     }
+    // Late images or wheels would look like early sensors.
+    let in_time = latency
+        .is_none()
+        .then(|| SetupVariant::configured(setup).wheels(setup));
     if let Some(latency) = latency {
         report.doubt_latency(&latency);
     }
@@ -335,8 +348,12 @@ fn check_points(
         }
         let place = setup.sensors.place(Table::Compass);
         report.doubt(format!("{place}: {}", fault.text));
+    } else if let Some(late) = in_time.and_then(|wheels| late_turns::of_compass(measured, &wheels))
+    {
+        report.doubt_stamps(Table::Compass, "headings", late);
     }
-    report.doubt_inertial_unit(measured, &assessment);
+    let late = in_time.and_then(|wheels| late_turns::of_inertial_unit(measured, &wheels));
+    report.doubt_inertial_unit(measured, &assessment, late);
     let named = |change: fn(&Change) -> bool| {
         let all = assessment.improvements.iter().flatten();
         all.clone().any(|improvement| change(&improvement.change))
@@ -348,6 +365,7 @@ fn check_points(
             Change::OdometryRotationInDegrees
                 | Change::OdometryScale(_)
                 | Change::OdometryAxes { .. }
+                | Change::OdometryFixedAxes(_)
         )
     }) || assessment.has_edit(Change::exceeds_learned_wheels);
     if compass {
@@ -424,72 +442,3 @@ fn find_compass_fault(
 
 /// Fewer keyframes say nothing about a set-up.
 const KEYFRAMES_MIN: usize = 4;
-
-/// Covariance of a uniform distribution of poses on the carpet.
-fn unknown_pose_covariance(setup: &Setup) -> Matrix3<f32> {
-    let (half_x, half_y) = setup.field.carpet_half_extent();
-    let turn = std::f32::consts::PI;
-    Matrix3::from_diagonal(&(Vector3::new(half_x * half_x, half_y * half_y, turn * turn) / 3.0))
-}
-
-/// How uncertain poses of the configured set-up are, if another one is better.
-fn added_pose_covariance(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
-    let unknown = unknown_pose_covariance(setup);
-    if assessment.fits_no_better_than_random {
-        return Some(unknown);
-    }
-    let doubtful: Vec<_> = assessment
-        .edits()
-        .filter(|found| {
-            !matches!(
-                found.change,
-                // Without the table in the wrong unit the poses are right.
-                Change::CompassInDegrees
-                    | Change::OdometryRotationInDegrees
-                    | Change::OdometryScale(_)
-                    | Change::OdometryAxes { .. }
-                    | Change::WheelMatrix(_)
-            )
-        })
-        .collect();
-    let last = doubtful.last()?;
-    if doubtful.iter().any(|found| {
-        matches!(
-            found.change,
-            Change::Mount { .. } | Change::CompassTurn(_) | Change::CompassMirrored(_)
-        )
-    }) {
-        return Some(unknown);
-    }
-    // Mean square difference of the poses under both set-ups, the half turn aside.
-    let pairs = assessment
-        .configured
-        .keyframes
-        .iter()
-        .zip(&last.explanation.keyframes);
-    let (sum, count) = pairs
-        .filter_map(|(now, other)| now.pose.zip(other.pose))
-        .fold((Matrix3::zeros(), 0.0_f32), |(sum, count), (now, other)| {
-            let turned = localize::global_search::branch_and_bound::half_turn(other);
-            let offset = [other, turned]
-                .map(|other| other.difference(now))
-                .into_iter()
-                .min_by(|a, b| a.norm().total_cmp(&b.norm()))
-                .unwrap_or_default();
-            (sum + offset * offset.transpose(), count + 1.0)
-        });
-    // Under a wrong size the poses may cling to either end.
-    let (now, other) = (&setup.field.config, &last.after.field);
-    let extent = |field: &FieldConfig, axis: Axis| {
-        FieldSize::between_ends(field, axis).map_or(0.0, |size| size.get(field))
-    };
-    let resized = |axis: Axis| 0.5 * (extent(now, axis) - extent(other, axis));
-    let resized = Vector3::new(resized(Axis::X), resized(Axis::Y), 0.0);
-    let floor = match last.change {
-        Change::Centre(_) | Change::CameraTurn(_) => Vector3::zeros(),
-        _ => Vector3::new(DOUBT_STD.0, DOUBT_STD.0, DOUBT_STD.1),
-    };
-    let floor = floor.component_mul(&floor) + resized.component_mul(&resized);
-    let floor = Matrix3::from_diagonal(&floor);
-    Some(sum / count.max(1.0) + floor)
-}

@@ -87,6 +87,19 @@ impl Trial<'_> {
         self.evaluate(variant, now, changes)
     }
 
+    /// The wheels' path in axes that do not turn with the robot, whose heading there at the first keyframe the steps tell.
+    pub(super) fn search_fixed_axes(
+        &self,
+        variant: &SetupVariant,
+        now: &Explanation,
+    ) -> Vec<(Change, Improvement)> {
+        let along_first = Change::OdometryFixedAxes(0.0).apply(variant);
+        let explained = self.explain(&along_first, self.measured);
+        let angle = explained.and_then(|found| angle_between(&found.steps()));
+        let changes = angle.map(|(angle, _)| Change::OdometryFixedAxes(-angle));
+        self.evaluate(variant, now, changes.into_iter().collect())
+    }
+
     /// The wheels corrected by a factor or by a matrix, whichever gains more. The gain is reduced by the cost of its numbers.
     pub(super) fn search_wheels(
         &self,

@@ -32,6 +32,8 @@ pub(super) struct SetupVariant {
     pub(super) camera_turn: f32,
     /// Factor of the wheels' path: 1, or another unit to metres.
     pub(super) path_unit_scale: f32,
+    /// Heading of the robot at the first keyframe in the axes of the wheels' motion, radians, where these do not turn with the robot.
+    pub(super) fixed_axes: Option<f32>,
     /// Matrix of the wheels' motion on top of the configured one.
     pub(super) wheel_matrix: Matrix3<f32>,
     /// Sense of rotation of the compass: -1 for one that counts clockwise.
@@ -56,6 +58,7 @@ impl SetupVariant {
             focal_px: None,
             camera_turn: 0.0,
             path_unit_scale: 1.0,
+            fixed_axes: None,
             wheel_matrix: Matrix3::identity(),
             compass_sign: 1.0,
             compass_turn: 0.0,
@@ -67,25 +70,33 @@ impl SetupVariant {
     /// The keyframes as this set-up would have measured them.
     pub(super) fn apply(&self, setup: &Setup, measured: &[MeasuredKeyframe]) -> Vec<Keyframe> {
         let wheels = self.wheels(setup);
+        let mut heading = self.fixed_axes;
         measured
             .iter()
             .map(|measured| Keyframe {
                 stamp: measured.stamp,
                 points: self.points(setup, measured),
                 motion: measured.odometry.as_ref().map(|rows| {
-                    let scaled = rows.iter().map(|&[dx, dy, turn]| {
-                        let scale = self.path_unit_scale;
-                        let raw =
-                            Vector3::new(dx * scale, dy * scale, turn * self.rotation_unit_scale);
-                        <[f32; 3]>::from(wheels * raw)
-                    });
-                    WheelMotion::from_increments(&scaled.collect::<Vec<_>>())
+                    let moved = rows
+                        .iter()
+                        .map(|row| <[f32; 3]>::from(wheels * self.motion(*row, &mut heading)));
+                    WheelMotion::from_increments(&moved.collect::<Vec<_>>())
                 }),
                 compass: measured.compass.map(|heading| {
                     self.compass_sign * heading * self.compass_unit_scale + self.compass_turn
                 }),
             })
             .collect()
+    }
+
+    /// A row of the odometry in metres, metres and radians, axes of the robot. `heading`: of the robot in the row's axes, where these
+    /// are fixed.
+    fn motion(&self, [dx, dy, turn]: [f32; 3], heading: &mut Option<f32>) -> Vector3<f32> {
+        let turn = turn * self.rotation_unit_scale;
+        let (sin, cos) = math::sin_cos(heading.map_or(0.0, |heading| heading + 0.5 * turn));
+        *heading = heading.map(|heading| heading + turn);
+        let (x, y) = (dx * self.path_unit_scale, dy * self.path_unit_scale);
+        Vector3::new(cos * x + sin * y, cos * y - sin * x, turn)
     }
 
     /// The ground point that this mount gives where the configured one gives `at`.
