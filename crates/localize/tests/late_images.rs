@@ -45,12 +45,23 @@ struct Judged {
 
 /// Twelve seconds from a lost pose on, wheels and compass at 100 Hz, an image with every fifth; `given`: the pose is told at the start.
 fn drive(latency: f64, imu: bool, given: bool) -> Judged {
+    let config = LocalizeConfig::default();
+    drive_with(config, latency, imu, given, &[Mode::Tracking])
+}
+
+/// As [`drive`], with other settings; poses of these modes are judged.
+fn drive_with(
+    mut config: LocalizeConfig,
+    latency: f64,
+    imu: bool,
+    given: bool,
+    modes: &[Mode],
+) -> Judged {
     let path = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../../config/fields/msl_18x12.toml"
     );
     let field = Field::load(std::path::Path::new(path)).expect("a field");
-    let mut config = LocalizeConfig::default();
     config.filter.camera_latency = latency as f32;
     let mut localizer = Localizer::new(&field, config);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -94,7 +105,7 @@ fn drive(latency: f64, imu: bool, given: bool) -> Judged {
             continue;
         }
         judged.images += 1;
-        let Some(pose) = estimate.pose.filter(|_| estimate.mode == Mode::Tracking) else {
+        let Some(pose) = estimate.pose.filter(|_| modes.contains(&estimate.mode)) else {
             continue;
         };
         judged.tracked += 1;
@@ -121,6 +132,23 @@ fn images_that_are_late_by_up_to_a_second_tell_the_present_pose_from_the_first_o
                 judged.images
             );
         }
+    }
+}
+
+#[test]
+fn poses_that_are_never_decided_are_those_of_the_stamp_too() {
+    for latency in [0.0, 0.1, 0.4] {
+        let mut config = LocalizeConfig::default();
+        // No candidate is ever probable enough.
+        config.mode.decision_probability = 1.000_001;
+        let judged = drive_with(config, latency, false, false, &[Mode::Global]);
+        assert!(
+            judged.largest < 0.12 && judged.tracked + 6 > judged.images,
+            "latency {latency}: {} judged, up to {} m, {} images",
+            judged.tracked,
+            judged.largest,
+            judged.images
+        );
     }
 }
 

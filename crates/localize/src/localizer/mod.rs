@@ -398,13 +398,14 @@ impl Localizer {
             }
         }
         self.take_snapshot();
+        let at_exposure = self.state.best_filter().map(PoseFilter::covariance);
         for measurement in later {
             self.receive(measurement);
         }
         let mut estimate = Estimate {
             stamp,
             line_points: points.len(),
-            ..self.predict_estimate_to(stamp, estimate)
+            ..self.predict_estimate_to(stamp, estimate, at_exposure)
         };
         self.add_repeated_errors(&mut estimate);
         self.refer_to_viewpoint(&mut estimate);
@@ -442,15 +443,22 @@ impl Localizer {
         estimate.fit = self.fit_monitor.fit();
     }
 
-    /// Predicts an estimate from the exposure to the image's stamp.
-    fn predict_estimate_to(&mut self, stamp: Stamp, estimate: Estimate) -> Estimate {
+    /// Predicts an estimate from the exposure to the image's stamp. `at_exposure`: covariance of the best hypothesis then. That of an
+    /// estimate among several hypotheses is larger, and grows as much.
+    fn predict_estimate_to(
+        &mut self,
+        stamp: Stamp,
+        estimate: Estimate,
+        at_exposure: Option<Matrix3<f32>>,
+    ) -> Estimate {
         let seconds = estimate.stamp.seconds_until(stamp);
         if !(seconds > 0.0) {
             return estimate;
         }
         // The part after the last sample is predicted on a copy, since later samples will measure it.
         let unmeasured = self.filter_stamp.seconds_until(stamp);
-        let Some(mut filter) = self.state.filter().cloned() else {
+        let best = self.state.best_filter().cloned();
+        let Some((mut filter, before)) = best.zip(at_exposure) else {
             return estimate;
         };
         if unmeasured > 0.0 {
@@ -461,11 +469,14 @@ impl Localizer {
                     .prediction_input(self.filter_stamp, stamp, config);
             filter.predict(&input, &self.config.filter);
         }
+        let covariance = match (estimate.pose, self.state.track()) {
+            (None, _) => estimate.covariance,
+            (Some(_), Some(_)) => filter.covariance(),
+            (Some(_), None) => estimate.covariance + (filter.covariance() - before),
+        };
         Estimate {
             pose: estimate.pose.and(Some(filter.pose())),
-            covariance: estimate
-                .pose
-                .map_or(estimate.covariance, |_| filter.covariance()),
+            covariance,
             twist: estimate.twist.and(Some(filter.twist())),
             ..estimate
         }

@@ -98,6 +98,14 @@ impl State {
         self.track().map(|track| &track.filter)
     }
 
+    /// Filter of the tracked pose, or of the most probable candidate.
+    pub(super) fn best_filter(&self) -> Option<&PoseFilter> {
+        match self {
+            State::Ambiguous(candidates) => candidates.best().map(|(filter, _)| filter),
+            _ => self.filter(),
+        }
+    }
+
     /// Applies `update` to the filter of each hypothesis: tracked pose, alternative, candidates.
     pub(super) fn for_each_filter(&mut self, mut update: impl FnMut(&mut PoseFilter)) {
         match self {
