@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::math;
+use crate::setup_check::METRES_PER_RADIAN;
 use crate::stamp::Stamp;
 
 /// Correction of wheels that measure the true motion: rows of the matrix from the measured (x, y, θ) to the true one.
@@ -77,6 +78,13 @@ pub struct Odometry {
     pub dtheta: f32,
     /// Root mean square residual of the wheels' distances, metres. 0 for three wheels (docs/methods.md 7.1).
     pub slip: f32,
+}
+
+impl Odometry {
+    /// Length of the motion, metres, where a radian counts as [`METRES_PER_RADIAN`].
+    pub fn path(&self) -> f32 {
+        math::hypot(self.dx, self.dy) + METRES_PER_RADIAN * self.dtheta.abs()
+    }
 }
 
 #[cfg(test)]

@@ -62,6 +62,8 @@ pub struct Pipeline {
     cooperative: CooperativeConfig,
     inputs: Inputs,
     last_image: Option<Stamp>,
+    /// Path of the wheels so far, turns included, metres.
+    path: f64,
     last_pose: Option<StampedPose>,
     notice: Option<String>,
     odometry_calibration: Option<OdometryCalibration>,
@@ -131,6 +133,7 @@ impl Pipeline {
             cooperative,
             inputs: Inputs::default(),
             last_image: None,
+            path: 0.0,
             last_pose: None,
             notice,
             odometry_calibration: setup.robot.odometry,
@@ -427,6 +430,7 @@ impl Pipeline {
                     let odometry = self
                         .odometry_calibration
                         .map_or(odometry, |calibration| calibration.apply(&odometry));
+                    self.path += f64::from(odometry.path());
                     self.localizer.add_odometry(&odometry);
                     self.world.add_odometry(&odometry);
                 }
@@ -459,7 +463,7 @@ impl Pipeline {
             return Err("an image, but robot.toml has no [camera]".to_owned());
         };
         let check = self.image_check.as_mut();
-        if let Some(fault) = check.and_then(|check| check.check(stamp, image)) {
+        if let Some(fault) = check.and_then(|check| check.check(stamp, image, self.path)) {
             return Err(fault.to_string());
         }
         let last = self.last_image.replace(stamp);

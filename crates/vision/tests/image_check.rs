@@ -83,7 +83,7 @@ fn photographs_and_traced_images_pass_as_stills_and_as_a_sequence() {
                     ImageCheck::new(&map, &camera, ImageCheckConfig::default())
                 });
                 let stamp = Stamp::from_seconds(seconds * number as f64);
-                let fault = check.check(stamp, &image.view());
+                let fault = check.check(stamp, &image.view(), number as f64);
                 check.check_mounting(&image.view());
                 assert_eq!(fault, None, "{}", path.display());
                 checked += 1;
@@ -137,7 +137,7 @@ fn lower_part_of_another_picture_is_named() {
             }
             joined_count += 1;
             let mut check = ImageCheck::new(&map, &camera, ImageCheckConfig::default());
-            let fault = check.check(Stamp::from_seconds(0.0), &joined.view());
+            let fault = check.check(Stamp::from_seconds(0.0), &joined.view(), 0.0);
             named += usize::from(fault == Some(ImageFault::Seam { row }));
         }
     }
@@ -152,4 +152,61 @@ fn lower_part_of_another_picture_is_named() {
         of * named >= least * joined_count,
         "{named} of {joined_count}"
     );
+}
+
+/// Faults of images at 30 Hz; `path`: of the wheels between two, metres.
+fn faults(images: &[Image], path: f64) -> Vec<Option<ImageFault>> {
+    let (map, camera) = any_map(&images[0]);
+    let mut check = ImageCheck::new(&map, &camera, ImageCheckConfig::default());
+    let numbered = images.iter().enumerate();
+    numbered
+        .map(|(number, image)| {
+            let stamp = Stamp::from_seconds(0.033 * number as f64);
+            check.check(stamp, &image.view(), path * number as f64)
+        })
+        .collect()
+}
+
+#[test]
+fn old_images_are_named_whether_buffers_take_turns_or_a_clock_is_drawn_into_one() {
+    let folder = &photograph_folders()[0];
+    let images: Vec<Image> = images_in(folder)
+        .iter()
+        .take(4)
+        .map(|path| Image::load(path).expect("an image"))
+        .collect();
+    assert_eq!(images.len(), 4);
+    for buffers in 2..=4 {
+        let turns: Vec<Image> = images[..buffers]
+            .iter()
+            .cycle()
+            .take(3 * buffers)
+            .cloned()
+            .collect();
+        let found = faults(&turns, 0.06);
+        assert!(found[..buffers].iter().all(Option::is_none), "{found:?}");
+        let repeated = &found[buffers..];
+        assert!(
+            repeated.iter().all(|fault| *fault == Some(ImageFault::Old)),
+            "{found:?}"
+        );
+    }
+    // One image with bytes here and there that differ by a level.
+    let mut same: Vec<Image> = vec![images[0].clone(); 12];
+    for (number, image) in same.iter_mut().enumerate() {
+        for k in 0..2000 {
+            let at = (k * 7919 + number * 104_729) % image.rgb.len();
+            image.rgb[at] ^= 1;
+        }
+    }
+    let moving = faults(&same, 0.06);
+    assert!(moving[..3].iter().all(Option::is_none), "{moving:?}");
+    assert!(
+        moving[4..]
+            .iter()
+            .all(|fault| *fault == Some(ImageFault::Old)),
+        "{moving:?}"
+    );
+    // The robot stands.
+    assert!(faults(&same, 0.0).iter().all(Option::is_none));
 }

@@ -12,6 +12,7 @@ mod field_half;
 mod fit_monitor;
 mod global_check;
 mod global_localization;
+mod gyro_conflict;
 mod map_learning;
 mod match_figures;
 mod mate_record;
@@ -58,6 +59,7 @@ pub use cooperative_config::CooperativeConfig;
 use field_half::HalfEvidence;
 pub use field_half::HalfState;
 use fit_monitor::{FitMarkings, FitMonitor};
+use gyro_conflict::GyroConflict;
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
 use own_motion::OwnMotion;
@@ -145,6 +147,7 @@ pub struct Localizer {
     /// Posterior variances of the tilt in the last tracked image, rad².
     tilt_variances: Option<[f32; 2]>,
     repeated_error: RepeatedPoseError,
+    gyro_conflict: GyroConflict,
     /// Check of the tracked pose against the whole field, a part in each image.
     global_check: Option<GlobalCheck>,
     /// Smoothed over about a second of tracked images.
@@ -242,6 +245,7 @@ impl Localizer {
             tilt_variances: None,
             expected_tilt: [0.0; 2],
             repeated_error: RepeatedPoseError::default(),
+            gyro_conflict: GyroConflict::default(),
             particles_stamp: Stamp(i64::MIN),
             last_odometry: None,
             odometry_continuous: false,
@@ -422,7 +426,8 @@ impl Localizer {
     fn add_repeated_errors(&self, estimate: &mut Estimate) {
         let averaged = estimate.covariance;
         if self.state.track().is_some() {
-            estimate.covariance += self.repeated_error.covariance();
+            estimate.covariance +=
+                self.repeated_error.covariance() + self.gyro_conflict.covariance();
         }
         self.add_map_uncertainty(estimate);
         estimate.repeated_covariance = estimate.covariance - averaged;

@@ -87,7 +87,14 @@ impl Localizer {
         if self.config.tracker == Tracker::ScanMap {
             return self.track_by_scan_map(stamp, points, track, suspicion);
         }
+        let (predicted, heading_std) = (track.filter.pose(), track.filter.heading_std());
         let TrackedMatch { matched, agreement } = self.match_points(&mut track.filter, points);
+        if self.motion_inputs.imu_active(stamp, &self.config.attitude) {
+            let std = math::hypot(heading_std, matched.covariance[(2, 2)].sqrt());
+            let contradicts = agreement == Agreement::Inflated;
+            self.gyro_conflict
+                .add(predicted, matched.pose, std, contradicts);
+        }
         if self.config.mode.suspect_rule == SuspectRule::Thresholds {
             track
                 .filter

@@ -8,7 +8,7 @@ use vision::image_check::ImageCheck;
 
 use crate::config::PipelineConfig;
 use crate::image_faults::ImageFaults;
-use crate::recording::{ImageLoader, RecordedData, Recording};
+use crate::recording::{ImageLoader, RecordedData, RecordedSample, Recording};
 use crate::setup::Setup;
 
 /// Images that are decoded at a time.
@@ -30,6 +30,7 @@ pub(super) fn find_image_faults(
         return faults;
     };
     let samples = recording.remaining_samples();
+    let paths = paths_before(samples);
     let mut check = ImageCheck::new(map, camera, config.vision.image_check.clone());
     let mut loader = ImageLoader::default();
     for batch in indices.chunks(BATCH) {
@@ -47,7 +48,7 @@ pub(super) fn find_image_faults(
                 let view = image.view();
                 let size = view.check(map.width_px, map.height_px);
                 size.map_err(|error| error.to_string())?;
-                let fault = check.check(samples[index].stamp, &view);
+                let fault = check.check(samples[index].stamp, &view, paths[index]);
                 check.check_mounting(&view);
                 fault.map_or(Ok(()), |fault| Err(fault.to_string()))
             });
@@ -57,6 +58,18 @@ pub(super) fn find_image_faults(
         }
     }
     faults
+}
+
+/// Path of the wheels before each sample, metres.
+fn paths_before(samples: &[RecordedSample]) -> Vec<f64> {
+    let mut path = 0.0;
+    let paths = samples.iter().map(|sample| {
+        if let RecordedData::Odometry(row) = &sample.data {
+            path += f64::from(row.path());
+        }
+        path
+    });
+    paths.collect()
 }
 
 /// The faults with times and files; `checked`: indices of all images that were checked.

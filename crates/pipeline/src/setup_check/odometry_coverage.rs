@@ -1,7 +1,6 @@
 //! For which images is the odometry missing? It begins late, ends early, has gaps, or its clock jumps.
 
 use localize::Stamp;
-use localize::setup_check::METRES_PER_RADIAN;
 
 use super::measurements::ODOMETRY_GAP_MAX;
 use crate::recording::{RecordedData, Recording};
@@ -31,9 +30,7 @@ pub(super) fn find_gaps(recording: &Recording) -> OdometryGaps {
     for event in recording.remaining_samples() {
         match &event.data {
             RecordedData::Odometry(row) => {
-                let moved =
-                    localize::math::hypot(row.dx, row.dy) + METRES_PER_RADIAN * row.dtheta.abs();
-                rows.push((event.stamp, moved));
+                rows.push((event.stamp, row.path()));
             }
             RecordedData::Image(_) => images.push(event.stamp),
             RecordedData::Points(_) => {

@@ -5,6 +5,7 @@
 //! in its own image.
 
 mod mounting;
+mod repeats;
 mod rows;
 mod samples;
 mod seam;
@@ -16,6 +17,7 @@ use crate::config::ImageCheckConfig;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
 use mounting::MountingCheck;
+use repeats::Repeats;
 use rows::SampledRows;
 use seam::SeamFinder;
 
@@ -53,6 +55,9 @@ pub enum ImageFault {
     /// The same image again.
     #[error("the image repeats the one before, to the bit (frozen camera)")]
     Frozen,
+    /// An earlier image again.
+    #[error("the image repeats an earlier one (the camera or its driver delivers old images)")]
+    Old,
     /// Some rows of the image before.
     #[error("the image is torn: rows {first} to {last} repeat the image before")]
     Stale {
@@ -92,6 +97,7 @@ const SEQUENCE_GAP_MAX: f64 = 1.0;
 pub struct ImageCheck {
     config: ImageCheckConfig,
     rows: SampledRows,
+    repeats: Repeats,
     seam: SeamFinder,
     mounting: MountingCheck,
     last_stamp: Option<Stamp>,
@@ -105,6 +111,7 @@ impl ImageCheck {
         ImageCheck {
             config,
             rows: SampledRows::new(map),
+            repeats: Repeats::default(),
             seam: SeamFinder::default(),
             mounting: MountingCheck::new(map, camera),
             last_stamp: None,
@@ -113,8 +120,8 @@ impl ImageCheck {
     }
 
     /// The image's first fault, or that of the camera's mount in earlier ones. Images of another size than the map's are not
-    /// judged.
-    pub fn check(&mut self, stamp: Stamp, image: &ImageView<'_>) -> Option<ImageFault> {
+    /// judged. `path`: of the wheels up to now, metres, turns included; constant without wheels.
+    pub fn check(&mut self, stamp: Stamp, image: &ImageView<'_>, path: f64) -> Option<ImageFault> {
         let (width_px, height_px) = self.rows.size_px();
         if !self.config.enabled || image.check(width_px, height_px).is_err() {
             return None;
@@ -125,9 +132,11 @@ impl ImageCheck {
             .is_some_and(|last| (0.0..=SEQUENCE_GAP_MAX).contains(&(stamp - last)));
         if !follows {
             self.mounting.restart_run();
+            self.repeats.restart();
         }
         self.rows.read(image, follows);
-        let fault = self.fault_of_rows(image);
+        let is_old = self.repeats.add(&self.rows, path);
+        let fault = self.fault_of_rows(image, is_old);
         self.is_usable = fault.is_none();
         fault.or(self
             .mounting
@@ -143,7 +152,7 @@ impl ImageCheck {
         }
     }
 
-    fn fault_of_rows(&mut self, image: &ImageView<'_>) -> Option<ImageFault> {
+    fn fault_of_rows(&mut self, image: &ImageView<'_>, is_old: bool) -> Option<ImageFault> {
         let config = &self.config;
         let rows = &self.rows;
         if rows.is_empty() {
@@ -161,6 +170,9 @@ impl ImageCheck {
         let repeated = rows.repeated_run();
         if repeated.count * 100 >= rows.count() * 98 {
             return Some(ImageFault::Frozen);
+        }
+        if is_old {
+            return Some(ImageFault::Old);
         }
         if repeated.count >= enough {
             let (first, last) = (repeated.first, repeated.last);

@@ -185,6 +185,12 @@ impl SampledRows {
         }
     }
 
+    /// Samples of every n-th row.
+    pub(super) fn statistics_samples(&self) -> impl Iterator<Item = ChannelSample> {
+        let rows = self.read_rows().step_by(STATISTICS_ROWS);
+        rows.flat_map(|row| SampledRows::of(row, &self.samples).iter().copied())
+    }
+
     /// The longest run of rows that equal those of the image before.
     pub(super) fn repeated_run(&self) -> RowRun {
         if !self.has_last {
