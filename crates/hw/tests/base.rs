@@ -301,6 +301,56 @@ fn garbage_and_stall_are_distinguished_and_recovered_from() {
 }
 
 #[test]
+fn base_with_a_pressed_emergency_stop_or_without_encoders_gets_no_speeds_and_no_kick() {
+    let port = PseudoSerialPort::connected();
+    let queue = EventQueue::new(1024);
+    let base = BaseDriver::start(
+        &device(Bus::Board, port.path_string()),
+        &BaseConfig::default(),
+        &queue,
+    )
+    .expect("a base");
+    let mut board = FakeBoard::new(port);
+    let switches = |flags| Switches {
+        flags,
+        ..Switches::default()
+    };
+    // Commands all the time; true if the last of those received drives, false if twenty in a row do not. Kicks are counted.
+    let drives = |board: &mut FakeBoard, counts: bool, flags: u8, wanted: bool| {
+        let (mut drove, mut quiet, mut kicks) = (false, 0, 0);
+        wait_until("the wheels", || {
+            if counts {
+                board.send_counts(1);
+            }
+            board.send(switches(flags));
+            base.handle()
+                .drive(MotionCommand::WheelSpeeds([9.0; 4]), short_deadline())
+                .expect("driven");
+            let kick = Kick {
+                speed: 2.0,
+                lofted: false,
+            };
+            base.handle().kick(kick, short_deadline()).expect("kicked");
+            for message in board.received_messages() {
+                match message {
+                    Message::WheelCommand(command) if command.speed_crad[0] == 0 => quiet += 1,
+                    Message::WheelCommand(_) => (drove, quiet) = (true, 0),
+                    Message::KickCommand(_) if quiet > 10 => kicks += 1,
+                    _ => {}
+                }
+            }
+            (if wanted { drove } else { quiet > 40 }).then_some(())
+        });
+        assert!(wanted || kicks == 0, "{kicks} kicks");
+    };
+    drives(&mut board, true, 0, true);
+    drives(&mut board, true, 1, false);
+    drives(&mut board, true, 0, true);
+    drives(&mut board, false, 0, false);
+    drives(&mut board, true, 0, true);
+}
+
+#[test]
 fn non_finite_command_stops_the_wheels_and_kick_is_sent_once() {
     let port = PseudoSerialPort::connected();
     let queue = EventQueue::new(1024);

@@ -12,8 +12,9 @@ use hw::StampedSocket;
 use localize::Stamp;
 use prost::Message;
 use serde::{Deserialize, Serialize};
+use socket2::Type;
 
-use super::address::resolve;
+use super::address::{bind, resolve};
 use super::polling::POLL_PERIOD;
 use pipeline::datagram::authentication::{MacKey, RejectReason, ReplayGuard, verify_mac};
 use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
@@ -245,12 +246,14 @@ impl CommandListener {
     ) -> Result<Self> {
         let address = config.address()?;
         let mut filter = CommandFilter::new(config, identity)?;
-        let socket = UdpSocket::bind(address)
+        let (socket, notice) = bind(address, Type::DGRAM)
             .with_context(|| format!("[commands] cannot listen on {}", config.bind))?;
+        let socket = UdpSocket::from(socket);
         #[cfg(test)]
         let address = socket.local_addr()?;
         let mut socket = StampedSocket::new(socket)?;
         let shared = Arc::new(ListenerState::default());
+        lock(&shared.notices).extend(notice.map(|text| format!("[commands] {text}")));
         let state = shared.clone();
         let thread = std::thread::Builder::new()
             .name("commands".to_owned())

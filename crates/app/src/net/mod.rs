@@ -19,6 +19,7 @@ use localize::Stamp;
 use localize::toml_file;
 use serde::{Deserialize, Serialize};
 
+pub(crate) use address::bind;
 pub(crate) use commands::{CommandConfig, CommandListener, RemoteCommand, RobotIdentity};
 pub(crate) use pipeline::datagram::TeamLinkConfig;
 pub(crate) use state_sender::{CommandStatus, OutputConfig, StateSender};

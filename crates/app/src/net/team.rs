@@ -1,6 +1,7 @@
 //! How are team messages sent and received? A multicast socket, a receiving thread, and a thread that sends the newest
 //! cycle at the team's rate.
 
+use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -22,11 +23,14 @@ use pipeline::feed::{Feed, RecvError, Subscription};
 const MAX_PENDING_REPORTS: usize = 64;
 /// A message has some hundred bytes; a longer datagram is cut and then rejected.
 const MAX_DATAGRAM_BYTES: usize = 4096;
+/// Time between attempts to join the group.
+const MEMBERSHIP_PERIOD: Duration = Duration::from_secs(1);
 
 /// Sends and receives team messages. Dropping it ends the threads.
 pub(crate) struct TeamTransport {
     reports: Receiver<TeamReport>,
     link: Arc<Mutex<TeamLink>>,
+    notices: Arc<Mutex<Vec<String>>>,
     stop_requested: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
@@ -43,10 +47,19 @@ impl TeamTransport {
     ) -> Result<Self> {
         let group = config.address()?;
         let link = Arc::new(Mutex::new(TeamLink::new(config, session)?));
-        let receiver = open_multicast_socket(group, config.interface)
-            .with_context(|| format!("[team] cannot join {group} on {}", config.interface))?;
-        let sender = TeamSender {
+        let receiver =
+            open_multicast_socket(group).with_context(|| format!("[team] cannot open {group}"))?;
+        let mut membership = Membership {
             socket: receiver.try_clone()?,
+            group,
+            interface: config.interface,
+            is_member: true,
+            renewed: None,
+        };
+        let notices = Arc::new(Mutex::new(Vec::new()));
+        lock(&notices).extend(membership.renew());
+        let sender = TeamSender {
+            socket: receiver.try_clone()?.into(),
             group,
             period: Duration::from_secs_f64(1.0 / config.rate),
         };
@@ -55,13 +68,17 @@ impl TeamTransport {
         let mut transport = TeamTransport {
             reports,
             link: link.clone(),
+            notices: notices.clone(),
             stop_requested: stop_requested.clone(),
             threads: Vec::new(),
         };
-        let mut receiver = StampedSocket::new(receiver)?;
+        let mut receiver = StampedSocket::new(receiver.into())?;
         let (receiving, stop, time) = (link.clone(), stop_requested.clone(), clock.clone());
         transport.spawn("team receive", move || {
-            receive_loop(&mut receiver, &receiving, &queue, &stop, time);
+            while !stop.load(Ordering::Relaxed) {
+                lock(&notices).extend(membership.renew());
+                receive(&mut receiver, &receiving, &queue, &time);
+            }
         })?;
         let cycles = feed.subscribe(1);
         transport.spawn("team send", move || {
@@ -88,6 +105,11 @@ impl TeamTransport {
         lock(&self.link).team_clocks(now)
     }
 
+    /// Messages for the operator since the last call.
+    pub(crate) fn take_notices(&self) -> Vec<String> {
+        std::mem::take(&mut *lock(&self.notices))
+    }
+
     /// The next report; None after the timeout.
     #[cfg(test)]
     pub(crate) fn wait_for_report(&self, timeout: Duration) -> Option<TeamReport> {
@@ -111,36 +133,73 @@ impl Drop for TeamTransport {
     }
 }
 
-fn open_multicast_socket(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
+fn open_multicast_socket(group: SocketAddrV4) -> Result<Socket> {
     let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
     // Several robots on one machine (a simulation) receive from the same group.
     socket.set_reuse_address(true)?;
     socket.bind(&SocketAddrV4::new(*group.ip(), group.port()).into())?;
-    socket.join_multicast_v4(group.ip(), &interface)?;
-    socket.set_multicast_if_v4(&interface)?;
     socket.set_multicast_loop_v4(true)?;
     socket.set_multicast_ttl_v4(1)?;
-    Ok(socket.into())
+    Ok(socket)
 }
 
-fn receive_loop(
+/// Membership of the group on a network interface, which may come later, go and come back: a radio that is plugged in again.
+struct Membership {
+    socket: Socket,
+    group: SocketAddrV4,
+    interface: Ipv4Addr,
+    /// As was told last.
+    is_member: bool,
+    renewed: Option<Instant>,
+}
+
+impl Membership {
+    /// Joins, each second anew: an interface that went took its memberships along. A message for the operator if that changed.
+    fn renew(&mut self) -> Option<String> {
+        if self
+            .renewed
+            .is_some_and(|then| then.elapsed() < MEMBERSHIP_PERIOD)
+        {
+            return None;
+        }
+        self.renewed = Some(Instant::now());
+        let joined = match self
+            .socket
+            .join_multicast_v4(self.group.ip(), &self.interface)
+        {
+            Ok(()) => self.socket.set_multicast_if_v4(&self.interface),
+            // It still is a member.
+            Err(error) if error.kind() == ErrorKind::AddrInUse => Ok(()),
+            Err(error) => Err(error),
+        };
+        let (group, interface) = (self.group, self.interface);
+        let was_member = std::mem::replace(&mut self.is_member, joined.is_ok());
+        match joined {
+            Ok(()) if !was_member => Some(format!("[team] joined {group} on {interface}")),
+            Err(error) if was_member => Some(format!(
+                "[team] cannot join {group} on {interface}: {error}. Team-mates are not heard until the interface is there"
+            )),
+            _ => None,
+        }
+    }
+}
+
+/// Receives one message, if one comes soon.
+fn receive(
     socket: &mut StampedSocket,
     link: &Mutex<TeamLink>,
     reports: &SyncSender<TeamReport>,
-    stop: &AtomicBool,
-    clock: impl Fn() -> Stamp,
+    clock: &impl Fn() -> Stamp,
 ) {
     let mut datagram = [0; MAX_DATAGRAM_BYTES];
-    while !stop.load(Ordering::Relaxed) {
-        let Some(received) = socket.receive(&mut datagram, POLL_PERIOD) else {
-            continue;
-        };
-        let age = hw::now() - received.arrival;
-        let report = lock(link).receive(&datagram[..received.length], clock() + -age);
-        if let Ok(report) = report {
-            // If the pipeline does not take reports, new ones are dropped.
-            let _ = reports.try_send(report);
-        }
+    let Some(received) = socket.receive(&mut datagram, POLL_PERIOD) else {
+        return;
+    };
+    let age = hw::now() - received.arrival;
+    let report = lock(link).receive(&datagram[..received.length], clock() + -age);
+    if let Ok(report) = report {
+        // If the pipeline does not take reports, new ones are dropped.
+        let _ = reports.try_send(report);
     }
 }
 
@@ -179,6 +238,6 @@ impl TeamSender {
 }
 
 // Counts and clocks are valid even if a thread panicked with the lock.
-fn lock(link: &Mutex<TeamLink>) -> MutexGuard<'_, TeamLink> {
-    link.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

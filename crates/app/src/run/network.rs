@@ -149,8 +149,10 @@ impl RunNetwork {
     pub(super) fn take_notices(&self) -> Vec<String> {
         let commands = self.network.commands.iter();
         let stream = self.network.stream.iter();
+        let team = self.network.team.iter();
         let notices = commands
             .flat_map(|commands| commands.take_notices())
+            .chain(team.flat_map(|team| team.take_notices()))
             .chain(stream.flat_map(|stream| stream.take_notices()));
         #[cfg(feature = "ros2")]
         let notices = notices.chain(self.node.iter().flat_map(RosNode::take_notices));

@@ -1,6 +1,6 @@
 //! What happens between start and stop? Samples of devices go through the pipeline; the wheels stop before anything else ends.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -52,6 +52,8 @@ const DEFAULT_REALTIME_PRIORITY: i32 = 1;
 const EVENT_TIMEOUT: Duration = Duration::from_millis(20);
 /// Without an image for this time the pipeline runs a cycle without one, seconds: six images at 30 Hz.
 const IMAGE_TIMEOUT: f64 = 0.2;
+/// And then one each so many seconds: a command that needs a pose would stop and go by one that is too old.
+const BLIND_PERIOD: f64 = 0.1;
 /// Time between notes about the clocks of team-mates, seconds.
 const CLOCK_NOTE_PERIOD: f64 = 30.0;
 /// Smallest step of the wall clock that is reported, seconds.
@@ -81,7 +83,7 @@ pub(super) struct RunLoop {
 }
 
 impl RunLoop {
-    /// Reads the configuration and starts log and network.
+    /// Reads the configuration and starts network and log.
     pub(super) fn new(
         args: &Args,
         robot: RobotFolder,
@@ -90,24 +92,8 @@ impl RunLoop {
     ) -> Result<Self> {
         let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
         let pipeline = Pipeline::new(&robot.setup, &config)?;
-        let log_config = LogConfig {
-            images: args.images,
-            ..LogConfig::default()
-        };
         let header = header(&robot, &config)?;
         let field = &robot.setup.field;
-        let log_priority = log_priority(args.realtime);
-        let start_log = |path: &Path| {
-            LogRotation::start(path, header.clone(), field, (&log_config, log_priority))
-        };
-        let log = args.record.as_deref().map(start_log).transpose()?;
-        if let (Some(path), Some(first)) =
-            (&args.record, log.as_ref().and_then(LogRotation::first_file))
-            && path != first
-        {
-            let (path, first) = (path.display(), first.display());
-            eprintln!("note: {path} exists and stays: the log is written to {first}");
-        }
         let arbiter = CommandArbiter::new();
         let network_config = network::load_config(
             args.network.as_deref(),
@@ -151,6 +137,8 @@ impl RunLoop {
             &arbiter,
         )?;
         let pose_writer = args.out.as_deref().map(PoseWriter::start).transpose()?;
+        // Last, so that a run that cannot begin leaves no log.
+        let log = start_log(args, &header, &robot.setup)?;
         Ok(RunLoop {
             robot,
             config,
@@ -498,6 +486,24 @@ impl RunLoop {
     }
 }
 
+/// Starts the log of `--record`, if there is one.
+fn start_log(args: &Args, header: &Header, setup: &Setup) -> Result<Option<LogRotation>> {
+    let Some(path) = &args.record else {
+        return Ok(None);
+    };
+    let config = LogConfig {
+        images: args.images,
+        ..LogConfig::default()
+    };
+    let priority = log_priority(args.realtime);
+    let log = LogRotation::start(path, header.clone(), &setup.field, (&config, priority))?;
+    if let Some(first) = log.first_file().filter(|first| first != path) {
+        let (path, first) = (path.display(), first.display());
+        eprintln!("note: {path} exists and stays: the log is written to {first}");
+    }
+    Ok(Some(log))
+}
+
 /// Sets the priority of the log's threads. They yield to those between camera and wheels, which on a busy machine costs images.
 /// A real-time priority of the others is enough for that.
 fn log_priority(realtime: Option<i32>) -> fn() {
@@ -622,7 +628,7 @@ impl RunState {
         if now - self.last_image < IMAGE_TIMEOUT {
             return None;
         }
-        self.last_image = now;
+        self.last_image = now + (BLIND_PERIOD - IMAGE_TIMEOUT);
         Some(CameraImage {
             stamp: now,
             setting: None,

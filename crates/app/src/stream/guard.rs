@@ -5,19 +5,23 @@
 
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
-use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use socket2::Type;
 
 use super::frame_meter::{FrameMeter, MESSAGE_TIME_MAX};
 use super::handshake_request::{RequestError, check_origin, is_timeout, read_head};
+use crate::net::bind;
 
 /// Longest wait of a thread before it checks whether it must end.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
+/// Connections that wait to be accepted.
+const CONNECTIONS_WAITING: i32 = 128;
 /// Pause after a failed accept: the process may have no free file descriptor for a while.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// Longest wait for the server on the loopback interface.
@@ -79,14 +83,23 @@ impl Guard {
         limits: GuardLimits,
         server: impl GuardedServer,
     ) -> Result<Self> {
-        let listener = TcpListener::bind(address)?;
+        let resolved = address.to_socket_addrs()?.next();
+        let (socket, notice) = bind(resolved.context("unknown host")?, Type::STREAM)?;
+        socket.listen(CONNECTIONS_WAITING)?;
+        let listener = TcpListener::from(socket);
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
         let shared = Arc::new(GuardState {
             limits,
             server: Mutex::new(Box::new(server)),
             connections: Mutex::default(),
-            notices: Mutex::default(),
+            notices: Mutex::new(Notices {
+                pending: notice
+                    .map(|text| format!("[stream] {text}"))
+                    .into_iter()
+                    .collect(),
+                known: Vec::new(),
+            }),
             stop_requested: AtomicBool::new(false),
         });
         let state = shared.clone();

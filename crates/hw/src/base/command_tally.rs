@@ -114,6 +114,11 @@ impl Confirmations {
         });
     }
 
+    /// Is the emergency stop pressed?
+    pub(super) fn emergency_stop(&self) -> bool {
+        self.emergency_stop
+    }
+
     /// The base reported its emergency stop.
     pub(super) fn on_switches(&mut self, emergency_stop: bool) {
         self.emergency_stop = emergency_stop;

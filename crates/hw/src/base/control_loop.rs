@@ -54,7 +54,7 @@ impl ControlLoop {
             };
             // New commands go out at once, but no faster than the rate: a serial line would queue them.
             if (is_new && (stops || now >= next_new)) || now >= next_send {
-                self.send_commands(link, now)?;
+                self.send_commands(link, now, start)?;
                 // The period restarts at a new command, so that it is not sent twice in a row.
                 next_send = now + period;
                 if is_new {
@@ -97,11 +97,17 @@ impl ControlLoop {
             self.update_health(now, start);
         }
         self.commands.lock().halt(clock::now());
-        self.send_commands(link, clock::now())
+        self.send_commands(link, clock::now(), start)
     }
 
-    /// Sends the commands that are valid now.
-    fn send_commands(&mut self, link: &mut BaseLink, now: Stamp) -> Result<(), HwError> {
+    /// Sends the commands that are valid now. `start`: of the connection. A base that must not drive gets no speeds and no kicks: the
+    /// wheels would turn the moment it may again.
+    fn send_commands(
+        &mut self,
+        link: &mut BaseLink,
+        now: Stamp,
+        start: Stamp,
+    ) -> Result<(), HwError> {
         let (request, drive_tally, kick, kick_tally, dribble) = {
             let mut buffer = self.commands.lock();
             buffer.pending = false;
@@ -113,7 +119,12 @@ impl ControlLoop {
                 buffer.current_dribble(now),
             )
         };
+        let may_drive = !self.confirmations.emergency_stop() && !self.is_blind(now, start);
         let twist = match request {
+            BaseRequest::Drive(_) if !may_drive => {
+                link.send_motor_command(MotorCommand::Brake, now)?;
+                Twist::default()
+            }
             BaseRequest::Drive(request) => {
                 let command = self.motor_command(request, now);
                 link.send_motor_command(command, now)?;
@@ -138,7 +149,7 @@ impl ControlLoop {
         };
         self.queue
             .push(DeviceEvent::Command(VelocityCommand { stamp: now, twist }));
-        if let Some(kick) = kick {
+        if let Some(kick) = kick.filter(|_| may_drive) {
             let sequence = link.kick(kick.value, kick.remaining(now), now)?;
             self.confirmations.on_kick_sent(kick_tally, now, sequence);
         }
@@ -146,6 +157,12 @@ impl ControlLoop {
             link.dribble(dribble.value, dribble.remaining(now), now)?;
         }
         Ok(())
+    }
+
+    /// Does the board send no encoder counts? What its wheels do then is unknown.
+    fn is_blind(&self, now: Stamp, start: Stamp) -> bool {
+        let silent = self.odometer.silent_wheel(now, start, self.device.stall);
+        self.device.nodes.is_empty() && silent.is_some()
     }
 
     /// Speeds of the motors; no wheel's rim is faster than the robot's top speed.
@@ -221,7 +238,7 @@ impl ControlLoop {
             Some(wheel) => {
                 let reason = match self.device.nodes.get(wheel) {
                     Some(node) => format!("controller {node} of wheel {wheel} is silent"),
-                    None => "the board sends no encoder counts".to_owned(),
+                    None => "the board sends no encoder counts: the wheels are braked".to_owned(),
                 };
                 self.monitor.set_state(HealthState::Stalled, Some(reason));
             }

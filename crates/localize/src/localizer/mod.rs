@@ -181,6 +181,8 @@ struct LastOdometry {
     twist: Twist,
 }
 
+/// Share of an image's points that lie off the markings in right set-ups.
+const CLUTTER_SHARE: f32 = 0.1;
 /// Most samples buffered for a late image: one second of wheels, inertial unit and commands at 1 kHz each.
 const BUFFERED_MAX: usize = 3000;
 /// Most readings of the compass kept: a second and a half at 200 Hz.
@@ -412,6 +414,7 @@ impl Localizer {
             ..self.predict_estimate_to(stamp, estimate, at_exposure)
         };
         self.add_repeated_errors(&mut estimate);
+        self.add_other_places(&mut estimate);
         self.refer_to_viewpoint(&mut estimate);
         if self
             .fit_monitor
@@ -431,6 +434,15 @@ impl Localizer {
         }
         self.add_map_uncertainty(estimate);
         estimate.repeated_covariance = estimate.covariance - averaged;
+    }
+
+    /// Under a doubted set-up a wrong place may explain most of an image's points for seconds: the share that it does not explain is the
+    /// probability of another one.
+    fn add_other_places(&self, estimate: &mut Estimate) {
+        if self.setup_is_doubted && estimate.pose.is_some() && estimate.inlier_share > 0.0 {
+            let unexplained = (1.0 - CLUTTER_SHARE - estimate.inlier_share).max(0.0);
+            estimate.covariance = self.with_probability(1.0 - unexplained, &estimate.covariance);
+        }
     }
 
     /// Adds the image to the figures of the fit. `points` are compensated for the tilt that was expected; the estimate's

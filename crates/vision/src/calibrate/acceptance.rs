@@ -20,6 +20,9 @@ const SHARE_MIN_UNCHECKED: f64 = 0.85;
 /// Largest accepted disagreement of the halves up to 3 m, metres.
 const DISAGREEMENT_MAX: f32 = 0.06;
 
+/// Line points that reach less far leave most of what a robot looks at unchecked, metres.
+const REACH_WANTED: f64 = 3.0;
+
 /// True if another field may explain the images better.
 pub(super) fn is_doubtful(found: &LinesCalibration) -> bool {
     let apart = found.disagreement.map_or(0.0, |apart| apart.near);
@@ -35,6 +38,13 @@ pub fn doubt(found: &LinesCalibration) -> Option<String> {
             "nothing checks the map: {used} images were used, and maps of two halves are compared from {needed} on. A field \
              file that is wrong by half a metre or the map of another robot may fit so few images. {share:.0} % of the line \
              points on the field lie on markings"
+        ));
+    }
+    if found.reach < REACH_WANTED {
+        return Some(format!(
+            "the line points reach only {:.1} m (95 % are nearer): farther out nothing checks the map, and objects may be metres off \
+             there. More pixels, a sharper image or more light show lines farther away",
+            found.reach
         ));
     }
     let halves = found.disagreement.map_or_else(String::new, |apart| {
@@ -126,6 +136,7 @@ mod tests {
             images: vec![image; used],
             poses: vec![None; used],
             rms: 0.01,
+            reach: 6.0,
             inlier_share: 0.99,
             on_field_share: 0.99,
             disagreement,
@@ -142,6 +153,12 @@ mod tests {
             far: 0.01,
         };
         assert_eq!(doubt(&calibration(8, Some(agree))), None);
+        let short = LinesCalibration {
+            reach: 2.3,
+            ..calibration(8, Some(agree))
+        };
+        let warning = doubt(&short).expect("a warning");
+        assert!(warning.contains("2.3 m"), "{warning}");
         let apart = Disagreement {
             near: 0.04,
             ..agree

@@ -1,4 +1,5 @@
-//! Do two halves of the images give the same map? Only then do the images decide it.
+//! Do two halves of the images give the same map? Only then do the images decide it. Where no image shows a line, both halves continue
+//! the map alike, and their agreement says nothing.
 
 use localize::Field;
 use localize::math;
@@ -48,7 +49,7 @@ pub(super) fn compare_halves(
     let median = |from: f64, to: f64| {
         let mut values: Vec<f64> = apart
             .iter()
-            .filter(|(range, _)| (from..to).contains(range))
+            .filter(|(range, _)| (from..to).contains(range) && *range < calibration.reach)
             .map(|(_, distance)| *distance)
             .collect();
         values.sort_by(f64::total_cmp);

@@ -56,7 +56,12 @@ pub fn calibrate_lines(
             vision_config,
             &|done| progress(HALVES_WORK + (1.0 - HALVES_WORK) * done),
         )?;
-        ensure_halves_agree(found.disagreement)?;
+        ensure_halves_agree(found.disagreement).map_err(|refused| match refused {
+            CalibrationError::Undecided(text) => CalibrationError::Undecided(format!(
+                "{text}. If the initial map may be off by more than a fifth, or tilted, try --from-nothing"
+            )),
+            other => other,
+        })?;
         ensure_most_images_count(found.used_count(), images.len(), found.disagreement)?;
         Ok(found)
     };

@@ -8,6 +8,7 @@ use localize::frames::At;
 use localize::global_search::branch_and_bound::{BranchAndBound, BranchAndBoundConfig};
 use localize::matching::distance_field::DistanceField;
 use localize::matching::{MatchConfig, Matcher};
+use localize::math;
 use localize::sample::LinePoint;
 use localize::{Field, Pose};
 use rayon::prelude::*;
@@ -48,6 +49,9 @@ pub struct LinesCalibration {
     pub inlier_share: f64,
     /// As `inlier_share`, of the points inside the boundary lines: beside the field there is clutter.
     pub on_field_share: f64,
+    /// Distance up to which the images show lines: 95 % of the used line points are nearer, metres. Beyond it the map continues the shape
+    /// within it.
+    pub reach: f64,
     /// Disagreement of the maps of two halves of the images. None for fewer than eight used images.
     pub disagreement: Option<Disagreement>,
     /// Mean cost of the points of each image. NaN if it has no pose.
@@ -86,6 +90,9 @@ pub(super) const IMAGES_MIN: usize = 4;
 
 /// Most images that a calibration by lines uses; more are subsampled evenly.
 pub const LINES_IMAGES_MAX: usize = 60;
+
+/// Share of the line points that are nearer than the reach of the images.
+const REACH_SHARE: f64 = 0.95;
 
 /// An image with a smaller fraction of points on markings is excluded in the end.
 const INLIER_SHARE_MIN: f64 = 0.6;
@@ -213,6 +220,13 @@ fn detect_line_points(
         .collect()
 }
 
+/// The range that most line points do not exceed, metres.
+fn reach_of(mut ranges: Vec<f64>) -> f64 {
+    ranges.sort_by(f64::total_cmp);
+    let rank = (REACH_SHARE * ranges.len() as f64) as usize;
+    ranges.get(rank).copied().unwrap_or(0.0)
+}
+
 fn calibration_point(detection: &LinePointDetection) -> CalibrationPoint {
     let point = &detection.point;
     CalibrationPoint {
@@ -314,6 +328,7 @@ fn summarize_fit(
     let mut costs = vec![f64::NAN; images.len()];
     let (mut squares, mut inliers, mut points, mut used) = (0.0, 0.0, 0.0, 0);
     let mut on_field = 0.0;
+    let mut ranges = Vec::new();
     for image in &fit.images {
         let evaluation = fit.evaluate(image);
         let residual = &mut residuals[image.index];
@@ -330,6 +345,11 @@ fn summarize_fit(
             inliers += evaluation.inlier_count;
             on_field += evaluation.on_field_count;
             points += image.points.len() as f64;
+            let shown = image_points
+                .iter()
+                .filter(|shown| shown.index == image.index);
+            let shown = shown.flat_map(|shown| &shown.points);
+            ranges.extend(shown.map(|point| math::hypot(point.start[0], point.start[1])));
         }
     }
     if used < IMAGES_MIN {
@@ -352,6 +372,7 @@ fn summarize_fit(
         rms: (squares / f64::max(inliers, 1.0)).sqrt(),
         inlier_share: inliers / f64::max(points, 1.0),
         on_field_share: (inliers / f64::max(on_field, 1.0)).min(1.0),
+        reach: reach_of(ranges),
         disagreement: None,
         costs,
     })

@@ -55,7 +55,7 @@ pub struct Correspondence {
 pub struct Disagreement {
     /// Up to 3 m.
     pub near: f32,
-    /// From 3 to 5 m.
+    /// From 3 to 5 m. NaN where no line point reaches.
     pub far: f32,
 }
 

@@ -138,6 +138,7 @@ fn save_calibration(
         disagreement_m: calibration
             .disagreement
             .map(|apart| [apart.near, apart.far]),
+        reach_m: Some(calibration.reach),
         warning: doubt(calibration),
         ..outcome(&calibration.images, &args.out)
     })

@@ -58,9 +58,12 @@ pub(crate) struct Outcome {
     /// Camera found with the map (lines without an initial map).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) camera: Option<FoundCamera>,
-    /// Distance between the maps of two halves of the images, metres: up to 3 m, and 3 to 5 m (lines).
+    /// Distance between the maps of two halves of the images, metres: up to 3 m, and 3 to 5 m, null where no line is seen (lines).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) disagreement_m: Option<[f32; 2]>,
+    /// Distance up to which the images show lines, metres (lines).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) reach_m: Option<f64>,
     /// Why the map may be wrong (lines).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) warning: Option<String>,
@@ -163,6 +166,7 @@ pub(super) fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
         warning: None,
         camera: None,
         disagreement_m: None,
+        reach_m: None,
         mount: None,
         map: out.to_owned(),
     }

@@ -91,11 +91,17 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         );
     }
     if let Some([near, far]) = outcome.disagreement_m {
+        let far = match far.is_nan() {
+            true => String::new(),
+            false => format!(" and {:.1} cm from 3 to 5 m", 100.0 * far),
+        };
         println!(
-            "halves of the images differ by {:.1} cm up to 3 m and {:.1} cm from 3 to 5 m (median)",
-            100.0 * near,
-            100.0 * far
+            "halves of the images differ by {:.1} cm up to 3 m{far} (median), where they show lines",
+            100.0 * near
         );
+    }
+    if let Some(reach) = outcome.reach_m {
+        println!("line points reach {reach:.1} m: farther out nothing checks the map");
     }
     if let Some(camera) = &outcome.camera {
         println!(
