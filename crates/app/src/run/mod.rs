@@ -11,6 +11,7 @@ pub(crate) mod patrol;
 mod pose_reset;
 mod pose_writer;
 pub(crate) mod raw_image;
+mod repeated_lines;
 mod replay_start;
 pub(crate) mod robot_folder;
 mod run_loop;

@@ -332,8 +332,9 @@ impl RunLoop {
                 if let Some(node) = self.network.node() {
                     node.report_device(&health);
                 }
-                let text = status.report_device(&health);
-                self.write_note(&text);
+                if let Some(text) = status.report_device(&health) {
+                    self.write_note(&text);
+                }
                 return;
             }
             event => {

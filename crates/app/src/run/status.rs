@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::latency::{LatencyHistogram, LatencySummary};
 use super::log_rotation::LogSummary;
+use super::repeated_lines::RepeatedLines;
 use super::stderr_writer::StderrWriter;
 use super::unused_images::{Change, UnusedImages};
 use crate::net::commands::CommandCounts;
@@ -168,6 +169,7 @@ pub(crate) struct RunStatus {
     vision_time: LatencyHistogram,
     localize: LatencyHistogram,
     changes: Vec<StateChange>,
+    repeated: RepeatedLines,
     memory_first_mb: Option<f64>,
     memory_max_mb: Option<f64>,
     next_memory: Stamp,
@@ -193,6 +195,7 @@ impl RunStatus {
             vision_time: LatencyHistogram::default(),
             localize: LatencyHistogram::default(),
             changes: Vec::new(),
+            repeated: RepeatedLines::default(),
             memory_first_mb: None,
             memory_max_mb: None,
             next_memory: started + MEMORY_BASELINE_TIME,
@@ -235,16 +238,17 @@ impl RunStatus {
         self.localize.add(f64::from(cycle.timings.localize_ms));
     }
 
-    /// Reports a change of a device; returns the message for the log.
-    pub(crate) fn report_device(&mut self, health: &HealthReport) -> String {
+    /// Reports a change of a device; returns the message for the log. None for one of many equal ones.
+    pub(crate) fn report_device(&mut self, health: &HealthReport) -> Option<String> {
         let state = state_name(health.state);
         let text = match &health.reason {
             Some(reason) => format!("{}: {state}: {reason}", health.device),
             None => format!("{}: {state}", health.device),
         };
+        let text = self.repeated.pass(&text, self.elapsed())?;
         self.record_change(&health.device, state, health.reason.clone());
         self.print_line(&text);
-        text
+        Some(text)
     }
 
     /// Reports a change of the log.

@@ -91,6 +91,11 @@ const ITERATIONS_MAX: usize = 30;
 /// Distance from the centre at which a rotation counts as a motion, metres: makes the matrix's entries comparable.
 const LEVER: f64 = 0.25;
 
+/// Standard deviation of the matrix's entries before the drive.
+const ENTRY_STD: f64 = 0.3;
+/// Share of the path to the left up to which a drive is that of a robot that cannot move so: rows of a curve have a little.
+const SIDEWAYS_MAX: f32 = 0.05;
+
 const PARAMETERS: usize = 10;
 type Parameters = SVector<f64, PARAMETERS>;
 
@@ -132,8 +137,10 @@ pub fn fit_drive(odometry: &[Odometry], poses: &[VisionPose]) -> Result<DriveFit
             information += weight * jacobian.transpose() * jacobian;
             gradient += weight * jacobian.transpose() * residual;
         }
-        let damped = information + SMatrix::identity() * 1e-6;
-        let step = damped.try_inverse().ok_or(DriveFitError::NoFit)? * -gradient;
+        let prior = prior_information();
+        information += prior;
+        gradient += prior * (parameters - before);
+        let step = information.try_inverse().ok_or(DriveFitError::NoFit)? * -gradient;
         parameters += step;
         parameters[9] = parameters[9].clamp(-LATENCY_MAX, LATENCY_MAX);
         if step.norm() < 1e-6 {
@@ -165,14 +172,14 @@ fn summarize(
     // Three residuals per piece. Larger than stated residuals widen the result; smaller ones do not narrow it.
     let freedom = (3 * pieces.len() - PARAMETERS) as f64;
     let inflation = (weighted / freedom).max(1.0);
-    let covariance = (information + SMatrix::identity() * 1e-9)
-        .try_inverse()
-        .ok_or(DriveFitError::NoFit)?
-        * inflation;
+    let covariance = information.try_inverse().ok_or(DriveFitError::NoFit)? * inflation;
     let std = |index: usize| covariance[(index, index)].max(0.0).sqrt();
     let scale = |row: usize, column: usize| lever(row) / lever(column);
     let entry = |row: usize, column: usize| parameters[3 * row + column] / scale(row, column);
     for (axis, name) in ["forward", "to the left", "in rotation"].iter().enumerate() {
+        if axis == 1 && track.never_moves_sideways() {
+            continue;
+        }
         let coupling = |row| std(3 * row + axis) * f64::from(STD_MAX / COUPLING_STD_MAX);
         let others = (0..3).filter(|row| *row != axis).map(coupling);
         let std = others.fold(std(4 * axis), f64::max) as f32;
@@ -214,6 +221,14 @@ fn identity() -> Parameters {
         parameters[4 * axis] = 1.0;
     }
     parameters
+}
+
+/// Nothing is known of the latency, and wheels are roughly right: what a drive does not determine, such as the motion to the left of a
+/// differential drive, stays as it is.
+fn prior_information() -> SMatrix<f64, PARAMETERS, PARAMETERS> {
+    let mut information = SMatrix::identity() / (ENTRY_STD * ENTRY_STD);
+    information[(9, 9)] = 1e-6;
+    information
 }
 
 fn huber_weight(norm: f64) -> f64 {
@@ -259,6 +274,13 @@ struct Piece {
 impl<'a> WheelTrack<'a> {
     fn new(odometry: &'a [Odometry]) -> Self {
         WheelTrack { odometry }
+    }
+
+    /// True of a differential drive.
+    fn never_moves_sideways(&self) -> bool {
+        let path =
+            |of: fn(&Odometry) -> f32| self.odometry.iter().map(|row| of(row).abs()).sum::<f32>();
+        path(|row| row.dy) < SIDEWAYS_MAX * path(|row| row.dx)
     }
 
     fn pieces(&self, poses: &[VisionPose]) -> Vec<Piece> {
@@ -398,4 +420,77 @@ fn relative(from: [f64; 3], to: [f64; 3]) -> [f64; 3] {
         -sin * x + cos * y,
         f64::from(wrap_angle((to[2] - from[2]) as f32)),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frames::Pose;
+    use crate::stamp::Stamp;
+
+    const LATENCY: f64 = 0.06;
+
+    /// A minute of a robot that cannot move sideways, measured by wheels after `matrix`⁻¹, with images of another age. Every eighth pose
+    /// is a little off.
+    fn differential_drive(matrix: &Matrix3<f32>) -> (Vec<Odometry>, Vec<VisionPose>) {
+        let inverse = matrix.try_inverse().expect("a matrix");
+        let (mut odometry, mut poses) = (Vec::new(), Vec::new());
+        let mut pose = Pose::new(0.0, 0.0, 0.0);
+        let mut path = vec![pose];
+        for k in 1..6000 {
+            let time = 0.01 * k as f32;
+            let forward = 0.01 * (0.8 + 0.6 * math::sin(0.7 * time));
+            let turn = 0.01 * (1.2 * math::sin(0.9 * time) + 0.3);
+            let (sin, cos) = math::sin_cos(pose.theta + 0.5 * turn);
+            pose = Pose::new(
+                pose.x + cos * forward,
+                pose.y + sin * forward,
+                pose.theta + turn,
+            );
+            path.push(pose);
+            let measured = inverse * Vector3::new(forward, 0.0, turn);
+            odometry.push(Odometry {
+                stamp: Stamp::from_seconds(0.01 * f64::from(k)),
+                dx: measured.x,
+                dy: 0.0,
+                dtheta: measured.z,
+                slip: 0.0,
+            });
+            if k % 10 == 0 && k > 20 {
+                let exposed = path[k as usize - (100.0 * LATENCY) as usize];
+                let off = if k % 80 == 0 { 0.004 } else { 0.0 };
+                poses.push(VisionPose {
+                    stamp: Stamp::from_seconds(0.01 * f64::from(k)),
+                    pose: Pose::new(exposed.x + off, exposed.y - off, exposed.theta),
+                    covariance: Matrix3::from_diagonal(&Vector3::new(1e-5, 1e-5, 1e-6)),
+                });
+            }
+        }
+        (odometry, poses)
+    }
+
+    #[test]
+    fn wheels_of_a_differential_drive_are_calibrated_in_the_motions_that_it_has() {
+        let scaled = Matrix3::from_diagonal(&Vector3::new(1.03, 1.0, 0.98));
+        for matrix in [Matrix3::identity(), scaled] {
+            let (odometry, poses) = differential_drive(&matrix);
+            let fit = fit_drive(&odometry, &poses).expect("a fit");
+            assert!(
+                (fit.matrix[0][0] - matrix[(0, 0)]).abs() < 0.01
+                    && (fit.matrix[2][2] - matrix[(2, 2)]).abs() < 0.01,
+                "{:?}",
+                fit.matrix
+            );
+            assert!(
+                (f64::from(fit.latency) - LATENCY).abs() < 0.005,
+                "{}",
+                fit.latency
+            );
+            let [left, std] = [fit.matrix, fit.matrix_std].map(|matrix| matrix[1][1]);
+            assert!(
+                (left - 1.0).abs() < 0.1 && std > 0.2,
+                "{left} +- {std}: not measured"
+            );
+        }
+    }
 }

@@ -241,13 +241,7 @@ fn localize(
 
 /// Does a half turn leave the true field as it is?
 fn is_symmetric(field: &Field) -> bool {
-    let distances = distances(field);
-    let search = crate::global_search::branch_and_bound::BranchAndBound::new(
-        field,
-        &distances,
-        Default::default(),
-    );
-    search.is_half_turn_symmetric()
+    crate::global_search::branch_and_bound::is_half_turn_symmetric(field, &distances(field))
 }
 
 /// Points along all lines and arcs. Spots are not mapped.

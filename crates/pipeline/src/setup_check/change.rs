@@ -18,6 +18,9 @@ const LEARNED_CORRECTION_MAX: f32 = 0.3;
 /// Distance of the wheels from the centre that relates turns to motions, metres.
 const BASE_RADIUS: f32 = 0.25;
 
+/// Standard deviations by which a correction exceeds it.
+const EXCEEDS_SIGMAS: f32 = 2.0;
+
 /// A less certain matrix of the wheels is not worth to be written down.
 const MATRIX_STD_MAX: f32 = 0.1;
 
@@ -76,13 +79,14 @@ pub(super) enum Change {
 impl Change {
     /// Does it correct wheels by more than a filter learns while driving? Poses are better without them.
     pub(super) fn exceeds_learned_wheels(&self) -> bool {
-        let Change::WheelMatrix(MatrixFit { matrix, .. }) = self else {
+        let Change::WheelMatrix(MatrixFit { matrix, std }) = self else {
             return false;
         };
         let scale = Vector3::new(1.0, 1.0, BASE_RADIUS);
         let of_motions = |row: usize, column: usize| scale[row] / scale[column];
         let wrong = (matrix - Matrix3::identity()).component_mul(&Matrix3::from_fn(of_motions));
-        wrong.abs().max() > LEARNED_CORRECTION_MAX
+        // A differential drive tells nothing of a motion to the left.
+        wrong.abs().max() > LEARNED_CORRECTION_MAX + EXCEEDS_SIGMAS * std
     }
 
     /// The same change of a compass by half a turn more. On a field that looks alike from both halves it explains as much.

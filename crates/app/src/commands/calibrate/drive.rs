@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
+use localize::global_search::branch_and_bound::{half_turn, is_half_turn_symmetric};
 use localize::robot::RobotConfig;
 use localize::sample::{Imu, Odometry};
 use localize::sensors::pose_pairs::VisionPose;
-use localize::{DistanceField, Stamp};
+use localize::{DistanceField, Pose, Stamp};
+use nalgebra::{Matrix3, Vector3};
 use pipeline::log::{LogReader, UnpackedSetup};
 use pipeline::run::{RecordingOptions, RecordingRun};
 use pipeline::sample::{ImageContent, Sample};
@@ -139,6 +141,8 @@ fn load_log(path: &Path) -> Result<Drive> {
 /// Collects the samples of cycles, and matches their line points again without wheels.
 struct Collector {
     distances: DistanceField,
+    /// Half turns of the field look alike: successive poses may be on either half.
+    is_symmetric: bool,
     matcher: localize::matching::Matcher,
     odometry: Vec<Odometry>,
     imu: Vec<Imu>,
@@ -151,8 +155,10 @@ impl Collector {
         if let Some(height) = setup.viewpoint_height {
             matching.viewpoint_height = height;
         }
+        let distances = DistanceField::new(&setup.field, &config.localize.distance_field);
         Collector {
-            distances: DistanceField::new(&setup.field, &config.localize.distance_field),
+            is_symmetric: is_half_turn_symmetric(&setup.field, &distances),
+            distances,
             matcher: localize::matching::Matcher::new(matching),
             odometry: Vec::new(),
             imu: Vec::new(),
@@ -176,11 +182,30 @@ impl Collector {
             && matched.inlier_share > INLIER_SHARE_MIN
             && matched.determined_parameters > DETERMINED_MIN
         {
-            self.poses.push(VisionPose {
+            let pose = VisionPose {
                 stamp: cycle.stamp,
                 pose: matched.pose,
                 covariance: matched.covariance,
-            });
+            };
+            self.poses.push(self.on_the_same_half(pose));
+        }
+    }
+
+    /// A pose, or its half turn, whichever is nearer to the heading of the one before.
+    fn on_the_same_half(&self, found: VisionPose) -> VisionPose {
+        let turned = |pose: Pose| {
+            let last = self.poses.last().map(|last| last.pose);
+            last.map_or(0.0, |last| pose.difference(last).z.abs())
+        };
+        let twin = half_turn(found.pose);
+        if !self.is_symmetric || turned(twin) >= turned(found.pose) {
+            return found;
+        }
+        let turn = Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0));
+        VisionPose {
+            pose: twin,
+            covariance: turn * found.covariance * turn,
+            ..found
         }
     }
 

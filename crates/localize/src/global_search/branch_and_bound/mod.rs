@@ -105,7 +105,7 @@ impl BranchAndBound {
     pub fn new(field: &Field, distances: &DistanceField, config: BranchAndBoundConfig) -> Self {
         BranchAndBound {
             tables: ScoreTables::new(field, distances, &config),
-            half_turn_symmetric: half_turn_symmetric(field, distances),
+            half_turn_symmetric: is_half_turn_symmetric(field, distances),
             search: SearchBuffers::default(),
             config,
         }
@@ -247,8 +247,8 @@ pub fn half_turn(pose: Pose) -> Pose {
     Pose::new(-pose.x, -pose.y, pose.theta + std::f32::consts::PI)
 }
 
-/// Compares the distances at points of the carpet and at the opposite points.
-fn half_turn_symmetric(field: &Field, distances: &DistanceField) -> bool {
+/// Does a half turn leave the markings as they are? Compares the distances at points of the carpet and at the opposite points.
+pub fn is_half_turn_symmetric(field: &Field, distances: &DistanceField) -> bool {
     let (half_x, half_y) = field.carpet_half_extent();
     let step = 0.25;
     let (columns, rows) = ((half_x / step) as i32, (2.0 * half_y / step) as i32);
