@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use crate::math;
-use crate::setup_check::METRES_PER_RADIAN;
 use crate::stamp::Stamp;
 
 /// Correction of wheels that measure the true motion: rows of the matrix from the measured (x, y, θ) to the true one.
@@ -79,6 +78,9 @@ pub struct Odometry {
     /// Root mean square residual of the wheels' distances, metres. 0 for three wheels (docs/methods.md 7.1).
     pub slip: f32,
 }
+
+/// What a turn counts for as motion: the wheels of a robot that turns in place and is pushed once agree.
+pub const METRES_PER_RADIAN: f32 = 0.5;
 
 impl Odometry {
     /// Length of the motion, metres, where a radian counts as [`METRES_PER_RADIAN`].

@@ -9,6 +9,7 @@ use crate::global_search::branch_and_bound::{
 use crate::map_correction::{DriveFit, MapBasis};
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::twist::METRES_PER_RADIAN;
 use crate::wheel_steps::MeasuredStep;
 
 use super::chain::{KeyframeHypotheses, select_chain};
@@ -18,8 +19,6 @@ use super::keyframe::Keyframe;
 const START_ERROR: f32 = 0.3;
 /// Shorter steps are noise, metres.
 const STEP_MIN: f32 = 0.1;
-/// What a turn counts for as motion: the wheels of a robot that turns in place and is pushed once agree.
-pub const METRES_PER_RADIAN: f32 = 0.5;
 
 /// Tables of one field for the search of poses.
 #[derive(Debug, Clone)]

@@ -12,6 +12,7 @@ mod keyframe;
 #[cfg(test)]
 mod tests;
 
+pub use crate::twist::METRES_PER_RADIAN;
 pub use comparison::{Comparison, compare};
-pub use explanation::{Explanation, FieldTables, KeyframeFit, METRES_PER_RADIAN, explain, refine};
+pub use explanation::{Explanation, FieldTables, KeyframeFit, explain, refine};
 pub use keyframe::{Keyframe, WheelMotion};

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::change::Change;
 use super::effort::Effort;
-use super::field_search::shipped_fields;
 use super::inertial;
 use super::measurements::MeasuredKeyframe;
 use super::variant::SetupVariant;
@@ -204,7 +203,7 @@ impl Trial<'_> {
         });
         let other_fields = full || !(points_fine || centre_explains);
         if other_fields {
-            changes.extend(shipped_fields(variant));
+            changes.extend(Self::shipped_fields(variant));
         }
         if other_fields && !centre_explains {
             found.extend(self.search_far_centre(variant, now));
@@ -253,6 +252,11 @@ impl Trial<'_> {
         if other_fields && !explained {
             better.extend(self.search_all_sizes(variant, now));
         }
+        (self.ranked(better), arbitrary)
+    }
+
+    /// The likeliest changes, the best first: those that explain as much as it.
+    fn ranked(&self, mut better: Vec<Improvement>) -> Vec<Improvement> {
         // A turned camera looks like wheels that are wrong in two directions.
         let is_turn = |found: &Improvement| matches!(found.change, Change::CameraTurn(_));
         if better.iter().any(is_turn) {
@@ -284,7 +288,7 @@ impl Trial<'_> {
                 _ => 2,
             });
         }
-        (better, arbitrary)
+        better
     }
 
     /// Do turns of the odometry exceed what a robot does, so that they say little about the poses?

@@ -26,6 +26,29 @@ const SIZE_SHARE_MIN: f32 = 0.02;
 const SIZE_MIN: f32 = 0.1;
 
 impl Trial<'_> {
+    /// The fields of config/fields that differ from the variant's.
+    pub(super) fn shipped_fields(variant: &SetupVariant) -> Vec<Change> {
+        let Ok(folder) = paths::find_resource("config/fields") else {
+            return Vec::new();
+        };
+        let mut files: Vec<_> = std::fs::read_dir(folder)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path())
+            .filter(|path| path.extension().is_some_and(|ext| ext == "toml"))
+            .collect();
+        files.sort();
+        files
+            .into_iter()
+            .filter_map(|path| {
+                let field = Field::load(&path).ok()?.config;
+                (!is_same_size(&field, &variant.field))
+                    .then(|| Change::Field(shorten(&path), Box::new(field)))
+            })
+            .collect()
+    }
+
     /// The field's sizes measured to the other edge of the lines. Its poses are centimetres from those of the configured field.
     pub(super) fn search_measured_to(
         &self,
@@ -119,29 +142,6 @@ impl Trial<'_> {
         ((best - start).abs() > SIZE_MIN.min(SIZE_SHARE_MIN * start))
             .then(|| change((best * 100.0).round() / 100.0))
     }
-}
-
-/// The fields of config/fields that differ from the variant's.
-pub(super) fn shipped_fields(variant: &SetupVariant) -> Vec<Change> {
-    let Ok(folder) = paths::find_resource("config/fields") else {
-        return Vec::new();
-    };
-    let mut files: Vec<_> = std::fs::read_dir(folder)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|ext| ext == "toml"))
-        .collect();
-    files.sort();
-    files
-        .into_iter()
-        .filter_map(|path| {
-            let field = Field::load(&path).ok()?.config;
-            (!is_same_size(&field, &variant.field))
-                .then(|| Change::Field(shorten(&path), Box::new(field)))
-        })
-        .collect()
 }
 
 fn is_same_size(a: &FieldConfig, b: &FieldConfig) -> bool {

@@ -354,6 +354,16 @@ fn check_points(
     }
     let late = in_time.and_then(|wheels| late_turns::of_inertial_unit(measured, &wheels));
     report.doubt_inertial_unit(measured, &assessment, late);
+    leave_out_wrong_tables(&mut report, &assessment, &mut ranges);
+    (report.with_ranges(&ranges), assessment)
+}
+
+/// Leaves out the tables that an edit changes by more than any filter learns. What their values betray is then known.
+fn leave_out_wrong_tables(
+    report: &mut SetupReport,
+    assessment: &Assessment,
+    ranges: &mut Vec<RangeFinding>,
+) {
     let named = |change: fn(&Change) -> bool| {
         let all = assessment.improvements.iter().flatten();
         all.clone().any(|improvement| change(&improvement.change))
@@ -376,7 +386,6 @@ fn check_points(
         report.unusable.push(Table::Odometry);
         ranges.retain(|finding| finding.table != Table::Odometry);
     }
-    (report.with_ranges(&ranges), assessment)
 }
 
 /// An age of the images tenths of a second from the configured one, which looks like many another mistake.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use localize::global_search::branch_and_bound::{half_turn, is_half_turn_symmetric};
+use localize::global_search::branch_and_bound::half_turn;
 use localize::robot::RobotConfig;
 use localize::sample::{Imu, Odometry};
 use localize::sensors::pose_pairs::VisionPose;
@@ -47,6 +47,8 @@ const DEVIATION_MAX: (f32, f32) = (0.3, 0.15);
 const INLIER_SHARE_MIN: f32 = 0.5;
 /// Error of the tracked pose from which a match starts, metres.
 const START_ERROR: f32 = 0.1;
+/// Longest time between two poses in which no robot turns by a quarter, seconds.
+const HALF_GAP_MAX: f64 = 0.3;
 /// Parameters that the points must determine: the pose.
 const DETERMINED_MIN: f32 = 2.5;
 
@@ -141,8 +143,6 @@ fn load_log(path: &Path) -> Result<Drive> {
 /// Collects the samples of cycles, and matches their line points again without wheels.
 struct Collector {
     distances: DistanceField,
-    /// Half turns of the field look alike: successive poses may be on either half.
-    is_symmetric: bool,
     matcher: localize::matching::Matcher,
     odometry: Vec<Odometry>,
     imu: Vec<Imu>,
@@ -155,10 +155,8 @@ impl Collector {
         if let Some(height) = setup.viewpoint_height {
             matching.viewpoint_height = height;
         }
-        let distances = DistanceField::new(&setup.field, &config.localize.distance_field);
         Collector {
-            is_symmetric: is_half_turn_symmetric(&setup.field, &distances),
-            distances,
+            distances: DistanceField::new(&setup.field, &config.localize.distance_field),
             matcher: localize::matching::Matcher::new(matching),
             odometry: Vec::new(),
             imu: Vec::new(),
@@ -191,14 +189,16 @@ impl Collector {
         }
     }
 
-    /// A pose, or its half turn, whichever is nearer to the heading of the one before.
+    /// A pose, or its half turn, whichever is nearer to the heading of the one before: where both halves of a field look nearly alike,
+    /// successive poses may be on either.
     fn on_the_same_half(&self, found: VisionPose) -> VisionPose {
-        let turned = |pose: Pose| {
-            let last = self.poses.last().map(|last| last.pose);
-            last.map_or(0.0, |last| pose.difference(last).z.abs())
+        let follows = |last: &&VisionPose| found.stamp - last.stamp <= HALF_GAP_MAX;
+        let Some(last) = self.poses.last().filter(follows) else {
+            return found;
         };
+        let turned = |pose: Pose| pose.difference(last.pose).z.abs();
         let twin = half_turn(found.pose);
-        if !self.is_symmetric || turned(twin) >= turned(found.pose) {
+        if turned(twin) >= turned(found.pose) {
             return found;
         }
         let turn = Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0));

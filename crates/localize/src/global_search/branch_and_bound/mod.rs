@@ -248,7 +248,7 @@ pub fn half_turn(pose: Pose) -> Pose {
 }
 
 /// Does a half turn leave the markings as they are? Compares the distances at points of the carpet and at the opposite points.
-pub fn is_half_turn_symmetric(field: &Field, distances: &DistanceField) -> bool {
+pub(crate) fn is_half_turn_symmetric(field: &Field, distances: &DistanceField) -> bool {
     let (half_x, half_y) = field.carpet_half_extent();
     let step = 0.25;
     let (columns, rows) = ((half_x / step) as i32, (2.0 * half_y / step) as i32);
