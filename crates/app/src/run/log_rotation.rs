@@ -1,4 +1,4 @@
-//! What happens when the disk is full? The log ends with a message, and a new file starts as soon as there is space.
+//! What happens when the disk is full, or somebody removes the log? It ends with a message, and a new file starts as soon as there is space.
 //!
 //! A thread of its own closes the failed file and opens the next, because both can take long on a bad disk.
 
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use localize::{Field, Stamp};
@@ -18,6 +18,8 @@ use pipeline::log::{Header, LogConfig, LogStats, Recorder};
 
 /// Shortest and longest time between attempts to start a new log. It doubles with each failure.
 const RETRY_PERIODS: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(30)];
+/// Time between looks at whether the file is still there.
+const LOOK_PERIOD: Duration = Duration::from_secs(2);
 /// Time after which a waiting thread notices the end of the run.
 const CANCEL_PERIOD: Duration = Duration::from_millis(50);
 /// Largest number behind a log's name.
@@ -73,6 +75,8 @@ pub(crate) struct LogRotation {
     state: State,
     retry_period: Duration,
     summary: LogSummary,
+    /// When the present file was last seen.
+    looked: Instant,
     /// The log continues another, and no cycle of it holds the state that replay needs.
     needs_state: bool,
 }
@@ -156,6 +160,7 @@ impl LogRotation {
                 files: vec![first],
                 ..LogSummary::default()
             },
+            looked: Instant::now(),
             needs_state: false,
         })
     }
@@ -172,7 +177,7 @@ impl LogRotation {
 
     /// Writes a cycle. Returns a message if the log failed or a new one started.
     pub(crate) fn write_cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
-        let message = self.take_reopened();
+        let message = self.take_reopened().or_else(|| self.leave_lost_file());
         let holds_state = cycle.inputs.warm_start.is_some();
         match &mut self.state {
             State::Writing(recorder) => {
@@ -232,6 +237,18 @@ impl LogRotation {
             error,
             removed,
         }
+    }
+
+    /// Goes on in a new file if somebody moved or removed the present one, perhaps with its folder. Returns a message then.
+    fn leave_lost_file(&mut self) -> Option<String> {
+        if self.looked.elapsed() < LOOK_PERIOD || !matches!(self.state, State::Writing(_)) {
+            return None;
+        }
+        self.looked = Instant::now();
+        let path = self.summary.files.last().filter(|path| !path.exists())?;
+        let message = format!("{}: the log was moved or removed", path.display());
+        self.reopen();
+        Some(message)
     }
 
     /// Closes the failed file and starts the next one, in a thread of its own.

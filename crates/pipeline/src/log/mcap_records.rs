@@ -122,23 +122,38 @@ impl RecordReader {
         }
     }
 
-    /// Reads what follows the data: index and summary, which end with the magic bytes unless the file was cut.
+    /// Reads what follows the data: index and summary up to the footer, and the magic bytes, unless the file was cut.
     fn read_rest(&mut self) -> Result<LogCompleteness, DamagedRange> {
-        let mut last = Vec::new();
-        let mut block = [0; 4096];
         loop {
-            let read = match self.file.read(&mut block) {
-                Ok(0) => break,
-                Ok(read) => read,
-                Err(error) if error.kind() == ErrorKind::Interrupted => continue,
-                Err(error) => return Err(self.io_damage(&error)),
-            };
-            last.extend_from_slice(&block[..read]);
-            last.drain(..last.len().saturating_sub(mcap::MAGIC.len()));
+            let mut prefix = [0; RECORD_HEADER_BYTES];
+            if !self.fill(&mut prefix)? {
+                return Ok(LogCompleteness::Truncated);
+            }
+            let [opcode, length @ ..] = prefix;
+            let length = u64::from_le_bytes(length);
+            let passed = std::io::copy(&mut (&mut self.file).take(length), &mut std::io::sink());
+            let passed = passed.map_err(|error| self.io_damage(&error))?;
+            self.offset += RECORD_HEADER_BYTES as u64 + passed;
+            if passed != length {
+                return Ok(LogCompleteness::Truncated);
+            }
+            if opcode == op::FOOTER {
+                break;
+            }
         }
-        Ok(match last == mcap::MAGIC {
-            true => LogCompleteness::Complete,
-            false => LogCompleteness::Truncated,
+        let mut magic = [0; mcap::MAGIC.len()];
+        if !self.fill(&mut magic)? || magic != mcap::MAGIC {
+            return Ok(LogCompleteness::Truncated);
+        }
+        self.offset += magic.len() as u64;
+        if !self.fill(&mut [0])? {
+            return Ok(LogCompleteness::Complete);
+        }
+        self.end = Some(LogCompleteness::Complete);
+        Err(DamagedRange {
+            offset: self.offset,
+            reason: "the log ends, and more follows: of joined logs the first one is read"
+                .to_owned(),
         })
     }
 

@@ -52,6 +52,27 @@ fn truncated_log_reads_to_its_last_complete_chunk_and_is_recovered() {
 }
 
 #[test]
+fn joined_logs_are_named_and_the_first_one_is_recovered() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [path, joined, first] =
+        ["a.mcap", "joined.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    record(&path, 30, &LogConfig::default());
+    let bytes = std::fs::read(&path).expect("a log");
+    std::fs::write(&joined, [&bytes[..], &bytes[..]].concat()).expect("written");
+    let recovered = recover(&joined, &first).expect("recovered");
+    assert!(!recovered.was_whole);
+    assert!(
+        recovered.lost[0].contains("joined logs"),
+        "{:?}",
+        recovered.lost
+    );
+    assert_eq!(read(&first).len(), 30);
+    let log = LogReader::open(&joined).expect("a log");
+    let error = log.filter_map(Result::err).next().expect("an error");
+    assert!(format!("{error:#}").contains("joined logs"), "{error:#}");
+}
+
+#[test]
 fn log_whose_index_is_cut_is_not_complete_and_recovered_whole() {
     let folder = tempfile::tempdir().expect("a folder");
     let [path, cut, whole] = ["a.mcap", "cut.mcap", "b.mcap"].map(|name| folder.path().join(name));
