@@ -14,7 +14,7 @@ const IMAGES_MIN: usize = 6;
 const STATIC_STD_MAX: f64 = 9.0;
 
 /// Own parts are darker than this fraction of the median brightness; constant bright pixels may be floor.
-const DARK_RATIO_MAX: f64 = 0.6;
+const DARK_RATIO_MAX: f64 = 0.75;
 
 /// One entry per pixel, row by row: false on the robot's own body and rods, true elsewhere.
 ///
@@ -115,4 +115,61 @@ fn has_body_neighbours(is_body: &[bool], camera: &CameraConfig, pixel: usize) ->
         .filter(|&(u, v)| is_body[v * camera.width_px + u])
         .count();
     body_pixels >= 3
+}
+
+#[cfg(test)]
+mod tests {
+    use localize::math;
+
+    use super::*;
+
+    const SIZE_PX: usize = 120;
+
+    /// A robot that turns over a carpet with a white line, its disc in the middle; darker towards the rim.
+    fn image(turn: f32, body: f32) -> Image {
+        let centre = SIZE_PX as f32 / 2.0;
+        let mut rgb = Vec::new();
+        for pixel in 0..SIZE_PX * SIZE_PX {
+            let (x, y) = (
+                (pixel % SIZE_PX) as f32 - centre,
+                (pixel / SIZE_PX) as f32 - centre,
+            );
+            let range = math::hypot(x, y);
+            let (sin, cos) = math::sin_cos(turn);
+            let across = (cos * x + sin * y - 25.0).abs();
+            let light = 1.0 - 0.1 * range / centre;
+            let level = match (range < 15.0, across < 4.0) {
+                (true, _) => body,
+                (false, true) => 220.0 * light,
+                (false, false) => 90.0 * light,
+            };
+            let noise = ((pixel * 7919 + (turn * 1e4) as usize * 31) % 7) as f32 - 3.0;
+            rgb.extend([(level + noise) as u8; 3]);
+        }
+        Image {
+            width_px: SIZE_PX,
+            height_px: SIZE_PX,
+            rgb,
+        }
+    }
+
+    #[test]
+    fn body_that_is_darker_than_the_carpet_is_masked_and_no_carpet() {
+        let camera: CameraConfig = toml::from_str(
+            "width_px = 120\nheight_px = 120\nforward_deg = 90.0\nflipped = false\ncentre_px = [60.0, 60.0]\nouter_radius_px = 58.0",
+        )
+        .expect("a camera");
+        for body in [15.0, 40.0, 57.0] {
+            let images: Vec<Image> = (0..12).map(|k| image(0.52 * k as f32, body)).collect();
+            let mask = calibrate_mask(&camera, &images).expect("a mask");
+            let (mut own, mut carpet) = (0, 0);
+            for (pixel, free) in mask.iter().enumerate() {
+                let (x, y) = (pixel % SIZE_PX, pixel / SIZE_PX);
+                let range = math::hypot(x as f32 - 60.0, y as f32 - 60.0);
+                own += usize::from(range < 14.0 && *free);
+                carpet += usize::from((17.0..58.0).contains(&range) && !free);
+            }
+            assert_eq!((own, carpet), (0, 0), "body of {body}");
+        }
+    }
 }
