@@ -28,6 +28,22 @@ pub(super) struct Improvement {
 }
 
 impl Improvement {
+    /// Of a change beside the set-up without it, which `now` explains.
+    pub(super) fn over(
+        now: &Explanation,
+        change: Change,
+        after: SetupVariant,
+        explanation: Explanation,
+    ) -> Self {
+        Improvement {
+            comparison: compare(now, &explanation),
+            change,
+            after,
+            explanation,
+            by_steps: false,
+        }
+    }
+
     /// Is what the change affects explained with it? Otherwise the change is a candidate only.
     pub(super) fn is_firm(&self) -> bool {
         self.change.explained(&self.explanation) >= FIRM_MIN
@@ -312,14 +328,7 @@ impl Trial<'_> {
             .filter_map(|change| {
                 let after = change.apply(variant);
                 let explanation = self.explain(&after, self.measured)?;
-                let comparison = compare(now, &explanation);
-                let improvement = Improvement {
-                    change: change.clone(),
-                    after,
-                    explanation,
-                    comparison,
-                    by_steps: false,
-                };
+                let improvement = Improvement::over(now, change.clone(), after, explanation);
                 Some((change, improvement))
             })
             .collect()

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use localize::Field;
 use localize::field::FieldConfig;
-use localize::setup_check::{Explanation, FieldTables, compare, refine};
+use localize::setup_check::{Explanation, FieldTables, refine};
 use rayon::prelude::*;
 
 use super::assess::{Improvement, Trial};
@@ -61,14 +61,7 @@ impl Trial<'_> {
         let mut tables = FieldTables::new(&field, &self.config);
         let keyframes = after.apply(self.setup, self.measured);
         let explanation = refine(&mut tables, &keyframes, now);
-        let comparison = compare(now, &explanation);
-        let improvement = Improvement {
-            change: change.clone(),
-            after,
-            explanation,
-            comparison,
-            by_steps: false,
-        };
+        let improvement = Improvement::over(now, change.clone(), after, explanation);
         Some((change, improvement))
     }
 
