@@ -3,6 +3,7 @@
 mod config;
 pub(crate) mod goal_colours;
 pub(crate) mod ray;
+mod size;
 
 use std::path::Path;
 
@@ -12,6 +13,7 @@ use crate::toml_file;
 use crate::toml_location::key_location;
 
 pub use config::{Area, FieldConfig, FieldError, GoalColour, GoalConfig, MeasuredTo};
+pub use size::{Axis, DrawnNumber, FieldSize};
 
 /// A marking's centre line.
 #[derive(Debug, Clone, Copy, PartialEq)]

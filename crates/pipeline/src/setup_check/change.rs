@@ -2,13 +2,12 @@
 
 use std::path::PathBuf;
 
-use localize::field::{FieldConfig, MeasuredTo};
+use localize::field::{Axis, FieldConfig, FieldSize, MeasuredTo};
 use localize::robot::CameraConfig;
 use localize::setup_check::Explanation;
 use localize::wheel_steps::MatrixFit;
 use nalgebra::{Matrix3, Vector3};
 
-use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
 use super::variant::SetupVariant;
 use crate::setup::{SensorSource, Setup};

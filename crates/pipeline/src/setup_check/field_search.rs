@@ -3,13 +3,12 @@
 use std::path::Path;
 
 use localize::Field;
-use localize::field::FieldConfig;
+use localize::field::{Axis, FieldConfig, FieldSize};
 use localize::setup_check::{Explanation, FieldTables, refine};
 use rayon::prelude::*;
 
 use super::assess::{Improvement, Trial};
 use super::change::Change;
-use super::field_size::{Axis, FieldSize};
 use super::field_sizes;
 use super::measurements::{MeasuredKeyframe, thin_out};
 use super::variant::SetupVariant;

@@ -5,10 +5,8 @@
 
 use localize::Field;
 use localize::config::LocalizeConfig;
-use localize::field::FieldConfig;
+use localize::field::{FieldConfig, FieldSize};
 use localize::setup_check::{Explanation, FieldTables, Keyframe, refine};
-
-use super::field_size::FieldSize;
 
 /// Log likelihood that a size must gain to be changed: half the logarithm of some ten thousand points, as in Schwarz's
 /// criterion.

@@ -17,7 +17,6 @@ mod doubts;
 mod effort;
 mod expected_mount;
 mod field_search;
-mod field_size;
 mod field_sizes;
 mod image_age;
 mod image_scan;

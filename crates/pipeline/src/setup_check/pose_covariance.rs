@@ -1,11 +1,10 @@
 //! How uncertain are the poses of a set-up that is probably wrong?
 
-use localize::field::FieldConfig;
+use localize::field::{Axis, FieldConfig, FieldSize};
 use nalgebra::{Matrix3, Vector3};
 
 use super::assess::Assessment;
 use super::change::Change;
-use super::field_size::{Axis, FieldSize};
 use crate::setup::Setup;
 
 /// Position error that remains under a wrong field, metres, and heading error, radians.

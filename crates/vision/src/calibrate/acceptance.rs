@@ -40,6 +40,11 @@ pub fn doubt(found: &LinesCalibration) -> Option<String> {
              points on the field lie on markings"
         ));
     }
+    if let Some(edit) = &found.better_size {
+        return Some(format!(
+            "the images fit the field better with {edit}. A map bends to a wrong size: measure it, and calibrate again"
+        ));
+    }
     if found.reach < REACH_WANTED {
         return Some(format!(
             "the line points reach only {:.1} m (95 % are nearer): farther out nothing checks the map, and objects may be metres off \
@@ -140,6 +145,7 @@ mod tests {
             inlier_share: 0.99,
             on_field_share: 0.99,
             disagreement,
+            better_size: None,
             costs: vec![0.1; used],
         }
     }
@@ -159,6 +165,12 @@ mod tests {
         };
         let warning = doubt(&short).expect("a warning");
         assert!(warning.contains("2.3 m"), "{warning}");
+        let sized = LinesCalibration {
+            better_size: Some("length = 14.00 (now 13.50)".into()),
+            ..calibration(8, Some(agree))
+        };
+        let warning = doubt(&sized).expect("a warning");
+        assert!(warning.contains("length = 14.00"), "{warning}");
         let apart = Disagreement {
             near: 0.04,
             ..agree

@@ -7,6 +7,7 @@ use crate::calibrate::CalibrationError;
 use crate::calibrate::acceptance::{
     ensure_field_explains, ensure_halves_agree, ensure_most_images_count, is_doubtful,
 };
+use crate::calibrate::field_sizes::find_better_size;
 use crate::calibrate::halves::compare_halves;
 use crate::calibrate::lines::{LinesCalibration, NamedImage, fit_guess};
 use crate::calibrate::map_continuation::continue_map;
@@ -62,6 +63,7 @@ pub fn calibrate_lines(
             )),
             other => other,
         })?;
+        found.better_size = find_better_size(&found, camera, field, images, vision_config);
         ensure_most_images_count(found.used_count(), images.len(), found.disagreement)?;
         Ok(found)
     };

@@ -54,6 +54,8 @@ pub struct LinesCalibration {
     pub reach: f64,
     /// Disagreement of the maps of two halves of the images. None for fewer than eight used images.
     pub disagreement: Option<Disagreement>,
+    /// A size of the field by which the images fit better, as an edit of its file. None if no other size does.
+    pub better_size: Option<String>,
     /// Mean cost of the points of each image. NaN if it has no pose.
     pub(super) costs: Vec<f64>,
 }
@@ -144,6 +146,26 @@ fn fit_rounds(
         result = Some(summarize_fit(map.clone(), images, &image_points, &fit)?);
     }
     result.ok_or_else(|| CalibrationError::NoConvergence("no round was run".into()))
+}
+
+/// Where the joint fit of images starts under a map that is good to a few percent: its correction, and their points with poses.
+pub(super) fn start_refinement(
+    camera: &CameraConfig,
+    map: &GroundMap,
+    field: &Field,
+    images: &[NamedImage],
+    vision_config: &VisionConfig,
+) -> Result<(MapCorrection, Vec<FitImage<CorrectionPoint>>), CalibrationError> {
+    let height = f64::from(vision_config.objects.viewpoint_height);
+    let points = detect_line_points(camera, map, field, images, vision_config, false)?;
+    let markings = Markings::new(field);
+    Ok(search_initial_poses(
+        field,
+        &markings.distances,
+        &points,
+        height,
+        false,
+    ))
 }
 
 /// A line point of one image, metres.
@@ -374,6 +396,7 @@ fn summarize_fit(
         on_field_share: (inliers / f64::max(on_field, 1.0)).min(1.0),
         reach: reach_of(ranges),
         disagreement: None,
+        better_size: None,
         costs,
     })
 }

@@ -4,6 +4,7 @@ mod acceptance;
 pub mod apparent_size;
 pub mod colours;
 mod edge_field;
+mod field_sizes;
 mod halves;
 mod joint_fit;
 mod known_map;

@@ -32,9 +32,7 @@ pub(super) fn ensure_no_scaled_field_fits_better(
     vision_config: &VisionConfig,
     progress: &(dyn Fn(f32) + Sync),
 ) -> Result<(), CalibrationError> {
-    let used = found.used(images);
-    let step = used.len().div_ceil(COMPARED_IMAGES).max(1);
-    let compared: Vec<NamedImage> = used.into_iter().step_by(step).cloned().collect();
+    let compared = compared_images(found, images);
     let fit = |field: &Field| fit_guess(camera, &found.map, field, &compared, vision_config);
     // A field on which too few images find a place explains nothing.
     let Ok(own) = fit(field) else {
@@ -59,8 +57,15 @@ pub(super) fn ensure_no_scaled_field_fits_better(
     }
 }
 
+/// Those of the used images that stand for all in a comparison.
+pub(super) fn compared_images(found: &LinesCalibration, images: &[NamedImage]) -> Vec<NamedImage> {
+    let used = found.used(images);
+    let step = used.len().div_ceil(COMPARED_IMAGES).max(1);
+    used.into_iter().step_by(step).cloned().collect()
+}
+
 /// True if the costs of images are less than other costs of the same images by more than chance. NaN: not fitted.
-fn is_cheaper(costs: &[f64], than: &[f64]) -> bool {
+pub(super) fn is_cheaper(costs: &[f64], than: &[f64]) -> bool {
     let savings: Vec<f64> = costs
         .iter()
         .zip(than)

@@ -10,6 +10,7 @@ use localize::robot::CameraConfig;
 use rayon::prelude::*;
 
 use crate::calibrate::acceptance::{ensure_field_explains, ensure_halves_agree, is_doubtful, odds};
+use crate::calibrate::field_sizes::find_better_size;
 use crate::calibrate::halves::compare_halves;
 use crate::calibrate::joint_fit::Markings;
 use crate::calibrate::line_pixels::detect_line_pixels;
@@ -115,7 +116,7 @@ pub fn calibrate_unknown_mirror(
         let own = accepted.map_or(0.0, |found| found.search_share);
         attempt.ensure_no_better_field(field, other_fields, own)?;
     }
-    let found = result?;
+    let mut found = result?;
     found.ensure_accepted()?;
     ensure_no_scaled_field_fits_better(
         &found.calibration,
@@ -126,6 +127,13 @@ pub fn calibrate_unknown_mirror(
         vision_config,
         &|done| progress(0.65 + 0.35 * done),
     )?;
+    found.calibration.better_size = find_better_size(
+        &found.calibration,
+        &found.camera,
+        field,
+        images,
+        vision_config,
+    );
     progress(1.0);
     Ok(found)
 }

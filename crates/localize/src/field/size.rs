@@ -1,7 +1,6 @@
 //! One size of a field: a key of its file, or a coordinate or radius that drawn markings share.
 
-use localize::Field;
-use localize::field::FieldConfig;
+use super::{Field, FieldConfig};
 
 /// Drawn coordinates that differ by less are one size, metres.
 const SAME_COORDINATE: f32 = 0.02;
@@ -10,7 +9,7 @@ const DRAWN_MAX: usize = 16;
 
 /// A size with the markings that it moves.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum FieldSize {
+pub enum FieldSize {
     /// A key of the file: index into [`KEYS`].
     Key(usize),
     /// Distance between drawn markings at both sides of an axis: all ends and centres with one x or y, sign aside.
@@ -26,7 +25,7 @@ pub(super) enum FieldSize {
 
 /// A coordinate of the field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Axis {
+pub enum Axis {
     /// Along the field.
     X,
     /// Across the field.
@@ -35,7 +34,7 @@ pub(super) enum Axis {
 
 /// A number of a drawn marking.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum DrawnNumber {
+pub enum DrawnNumber {
     /// Row and column of `extra_lines`.
     Line(usize, usize),
     /// Row and column of `extra_arcs`.
@@ -79,7 +78,7 @@ impl DrawnNumber {
 
 impl FieldSize {
     /// All sizes of a field that move a marking.
-    pub(super) fn all(field: &FieldConfig) -> Vec<FieldSize> {
+    pub fn all(field: &FieldConfig) -> Vec<FieldSize> {
         let Ok(laid_out) = Field::new(field.clone()) else {
             return Vec::new();
         };
@@ -94,7 +93,7 @@ impl FieldSize {
     }
 
     /// The size between the field's ends (`Axis::X`) or sides: of its boundary, or of the outermost drawn markings.
-    pub(super) fn between_ends(field: &FieldConfig, axis: Axis) -> Option<FieldSize> {
+    pub fn between_ends(field: &FieldConfig, axis: Axis) -> Option<FieldSize> {
         let key = match axis {
             Axis::X => LENGTH,
             Axis::Y => WIDTH,
@@ -108,7 +107,7 @@ impl FieldSize {
     }
 
     /// Its value, metres.
-    pub(super) fn get(&self, field: &FieldConfig) -> f32 {
+    pub fn get(&self, field: &FieldConfig) -> f32 {
         match self {
             FieldSize::Key(index) => *KEYS[*index].1(&mut field.clone()),
             FieldSize::Drawn { numbers, .. } => 2.0 * numbers[0].value(field).abs(),
@@ -117,7 +116,7 @@ impl FieldSize {
     }
 
     /// The field with another value, metres.
-    pub(super) fn with(&self, field: &FieldConfig, value: f32) -> FieldConfig {
+    pub fn with(&self, field: &FieldConfig, value: f32) -> FieldConfig {
         let mut changed = field.clone();
         match self {
             FieldSize::Key(index) => *KEYS[*index].1(&mut changed) = value,
@@ -143,7 +142,7 @@ impl FieldSize {
     }
 
     /// The edit from one field's size to another's.
-    pub(super) fn text(&self, from: &FieldConfig, to: &FieldConfig) -> String {
+    pub fn text(&self, from: &FieldConfig, to: &FieldConfig) -> String {
         let (old, new) = (self.get(from), self.get(to));
         match self {
             FieldSize::Key(index) => format!("{} = {new:.2} (now {old:.2})", KEYS[*index].0),
