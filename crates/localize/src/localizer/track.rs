@@ -422,8 +422,27 @@ impl Localizer {
             return self.lost_estimate(stamp, Reason::DeadReckoningTimeout, Vec::new());
         }
         track.filter.update_without_vision();
+        let alternative = match &suspicion {
+            Some(Suspicion::BetterAlternative(alternative)) => Some(alternative.filter.pose()),
+            Some(Suspicion::PoorMatch { .. }) | None => None,
+        };
         self.keep_pose(track, suspicion);
-        self.estimate(stamp, Some(reason), MatchFigures::default(), Vec::new())
+        let mut estimate = self.estimate(stamp, Some(reason), MatchFigures::default(), Vec::new());
+        // An image that shows nothing ends no suspicion.
+        if let Some(alternative) = alternative {
+            self.add_alternative(&mut estimate, alternative);
+        }
+        estimate
+    }
+
+    /// Makes a suspect pose as uncertain as it is beside a pose that explained the points better. Both count as equally probable until one
+    /// of them is confirmed, and neither may be right.
+    fn add_alternative(&self, estimate: &mut Estimate, alternative: Pose) {
+        if let Some(pose) = estimate.pose {
+            let offset = alternative.difference(pose);
+            estimate.covariance += offset * offset.transpose() * 0.5;
+            estimate.covariance = self.or_any_place(&estimate.covariance);
+        }
     }
 
     /// The best poses of the whole field that differ from the tracked one.
@@ -503,12 +522,7 @@ impl Localizer {
         self.suspect_alternative(track, suspicion, alternative);
         let reason = Some(Reason::BetterAlternative);
         let mut estimate = self.estimate(stamp, reason, MatchFigures::default(), alternatives);
-        if let Some(pose) = estimate.pose {
-            // Both poses count as equally probable until one of them is confirmed. Neither may be right.
-            let offset = better.pose.difference(pose);
-            estimate.covariance += offset * offset.transpose() * 0.5;
-            estimate.covariance = self.or_any_place(&estimate.covariance);
-        }
+        self.add_alternative(&mut estimate, better.pose);
         estimate
     }
 }
