@@ -342,7 +342,8 @@ impl Pipeline {
             cycle.detections = Some(vision.find_objects(image, found));
         }
         if let Some(check) = &mut self.image_check {
-            check.check_mounting(image);
+            let heading = cycle.estimate.pose.map(|pose| pose.theta);
+            check.check_mounting(image, heading);
         }
         cycle.exposure = exposure;
         cycle.timings.see_ms = lines_ms + elapsed_ms(started);

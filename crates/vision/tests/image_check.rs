@@ -84,7 +84,7 @@ fn photographs_and_traced_images_pass_as_stills_and_as_a_sequence() {
                 });
                 let stamp = Stamp::from_seconds(seconds * number as f64);
                 let fault = check.check(stamp, &image.view(), number as f64);
-                check.check_mounting(&image.view());
+                check.check_mounting(&image.view(), Some(number as f32));
                 assert_eq!(fault, None, "{}", path.display());
                 checked += 1;
             }

@@ -30,7 +30,7 @@ pub(super) fn find_image_faults(
         return faults;
     };
     let samples = recording.remaining_samples();
-    let paths = paths_before(samples);
+    let motions = motions_before(samples);
     let mut check = ImageCheck::new(map, camera, config.vision.image_check.clone());
     let mut loader = ImageLoader::default();
     for batch in indices.chunks(BATCH) {
@@ -48,8 +48,9 @@ pub(super) fn find_image_faults(
                 let view = image.view();
                 let size = view.check(map.width_px, map.height_px);
                 size.map_err(|error| error.to_string())?;
-                let fault = check.check(samples[index].stamp, &view, paths[index]);
-                check.check_mounting(&view);
+                let WheelMotion { path, heading } = motions[index];
+                let fault = check.check(samples[index].stamp, &view, path);
+                check.check_mounting(&view, heading);
                 fault.map_or(Ok(()), |fault| Err(fault.to_string()))
             });
             if let Err(fault) = fault {
@@ -60,16 +61,26 @@ pub(super) fn find_image_faults(
     faults
 }
 
-/// Path of the wheels before each sample, metres.
-fn paths_before(samples: &[RecordedSample]) -> Vec<f64> {
-    let mut path = 0.0;
-    let paths = samples.iter().map(|sample| {
+/// Motion of the wheels up to a sample.
+#[derive(Clone, Copy, Default)]
+struct WheelMotion {
+    /// Metres.
+    path: f64,
+    /// From that at the start, radians. None before the first reading.
+    heading: Option<f32>,
+}
+
+/// The motion before each sample.
+fn motions_before(samples: &[RecordedSample]) -> Vec<WheelMotion> {
+    let mut motion = WheelMotion::default();
+    let motions = samples.iter().map(|sample| {
         if let RecordedData::Odometry(row) = &sample.data {
-            path += f64::from(row.path());
+            motion.path += f64::from(row.path());
+            motion.heading = Some(motion.heading.unwrap_or(0.0) + row.dtheta);
         }
-        path
+        motion
     });
-    paths.collect()
+    motions.collect()
 }
 
 /// The faults with times and files; `checked`: indices of all images that were checked.

@@ -145,10 +145,11 @@ impl ImageCheck {
     }
 
     /// Looks for the robot's own parts in the image that was checked last. It takes several images to tell that they have
-    /// turned, so this need not hold up the pose of each: the next check says what was found.
-    pub fn check_mounting(&mut self, image: &ImageView<'_>) {
+    /// turned, so this need not hold up the pose of each: the next check says what was found. `heading`: of the robot on the field in this
+    /// image, radians. None if it is not known.
+    pub fn check_mounting(&mut self, image: &ImageView<'_>, heading: Option<f32>) {
         if std::mem::take(&mut self.is_usable) {
-            self.mounting.update(image);
+            self.mounting.update(image, heading);
         }
     }
 

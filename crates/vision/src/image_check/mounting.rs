@@ -14,6 +14,9 @@ const RADIUS_RANGE: [f32; 2] = [0.14, 0.9];
 const MEMORY: f32 = 240.0;
 /// Images of a moving robot before the memory is trusted.
 const IMAGES_MIN: u32 = 60;
+/// Mean direction of the robot's axis in the remembered images, at most: 0 if it pointed everywhere, 1 if it never turned. Far walls stay in
+/// place in the images of a robot that drives without turning. It turned by 110° and more below this limit.
+const MEAN_DIRECTION_MAX: f32 = 0.5;
 /// Standard deviation of a sample that does not move, at most, brightness levels.
 const STATIC_STD: f32 = 12.0;
 /// Standard deviation of the median sample while the robot moves, at least.
@@ -71,6 +74,8 @@ pub(super) struct MountingCheck {
     variance: Vec<f32>,
     levels: Vec<f32>,
     images: u32,
+    /// Mean of (cos 2θ, sin 2θ) over the images: a half of the field that is found later does not change it.
+    mean_direction: [f32; 2],
     /// The turn that is suspected, degrees, and which of the last images show it: a bit each, the latest is the lowest.
     suspected_deg: u32,
     votes: u32,
@@ -111,6 +116,7 @@ impl MountingCheck {
             variance: vec![0.0; ANGLES * RADII],
             levels: vec![0.0; ANGLES * RADII],
             images: 0,
+            mean_direction: [1.0, 0.0],
             suspected_deg: 0,
             votes: 0,
         }
@@ -126,8 +132,9 @@ impl MountingCheck {
         (self.votes.count_ones() >= CONFIRMATIONS).then_some(self.suspected_deg)
     }
 
-    /// Compares an image with what earlier ones had in common.
-    pub(super) fn update(&mut self, image: &ImageView<'_>) {
+    /// Compares an image with what earlier ones had in common. `heading`: of the robot on the field, radians; images without are not
+    /// remembered, since whether the robot has turned is not known.
+    pub(super) fn update(&mut self, image: &ImageView<'_>, heading: Option<f32>) {
         for (level, pixel) in self.levels.iter_mut().zip(&self.pixels) {
             if let Some(pixel) = pixel {
                 *level = brightest_channel(image, *pixel);
@@ -144,14 +151,18 @@ impl MountingCheck {
             Verdict::Turned(_) | Verdict::Undecided => {}
         }
         // What is suspected must not be learned.
-        if self.votes == 0 {
-            self.remember();
+        if let Some(heading) = heading.filter(|_| self.votes == 0) {
+            self.remember(heading);
         }
     }
 
-    fn remember(&mut self) {
+    fn remember(&mut self, heading: f32) {
         self.images = self.images.saturating_add(1);
         let part = (1.0 / MEMORY).max(1.0 / self.images as f32);
+        let (sin, cos) = math::sin_cos(2.0 * heading);
+        for (mean, value) in self.mean_direction.iter_mut().zip([cos, sin]) {
+            *mean += part * (value - *mean);
+        }
         for ((mean, variance), level) in self
             .mean
             .iter_mut()
@@ -174,6 +185,10 @@ impl MountingCheck {
             .map(|index| self.variance[index])
             .collect();
         if variances.is_empty() {
+            return Verdict::Undecided;
+        }
+        let [cos, sin] = self.mean_direction;
+        if math::hypot(cos, sin) > MEAN_DIRECTION_MAX {
             return Verdict::Undecided;
         }
         // Of a robot at rest everything stays in place.
@@ -371,14 +386,19 @@ mod tests {
         pixels
     }
 
-    /// The turn that is named after one more image.
+    /// The turn that is named after one more image of a robot whose heading was last known before.
     fn view(pixels: &[u8], check: &mut MountingCheck) -> Option<u32> {
-        check.update(&ImageView::packed(SIDE, SIDE, PixelFormat::Rgb8, pixels));
+        view_at(pixels, check, None)
+    }
+
+    fn view_at(pixels: &[u8], check: &mut MountingCheck, heading: Option<f32>) -> Option<u32> {
+        let image = ImageView::packed(SIDE, SIDE, PixelFormat::Rgb8, pixels);
+        check.update(&image, heading);
         check.turn_deg()
     }
 
-    /// The check after enough images of a robot that moves.
-    fn warm_check(rods: usize) -> MountingCheck {
+    /// The check after enough images of a robot that moves, and turns by an angle.
+    fn warm_check(rods: usize, turned: f32) -> MountingCheck {
         let map = GroundMap {
             width_px: SIDE,
             height_px: SIDE,
@@ -396,8 +416,11 @@ mod tests {
             outer_radius_px: Some(52.0),
         };
         let mut check = MountingCheck::new(&map, &camera);
-        for number in 0..IMAGES_MIN as usize + 20 {
-            assert_eq!(view(&picture(number, rods), &mut check), None, "{number}");
+        let count = IMAGES_MIN as usize + 20;
+        for number in 0..count {
+            let heading = Some(turned * number as f32 / count as f32);
+            let named = view_at(&picture(number, rods), &mut check, heading);
+            assert_eq!(named, None, "{number}");
         }
         check
     }
@@ -405,7 +428,7 @@ mod tests {
     #[test]
     fn a_camera_that_turns_about_its_own_axis_is_noticed_though_rods_look_alike() {
         for rods in [3, 4] {
-            let mut check = warm_check(rods);
+            let mut check = warm_check(rods, 3.0);
             let numbers = 100..100 + CONFIRMATIONS as usize;
             let named: Vec<Option<u32>> = numbers
                 .map(|number| view(&turned(&picture(number, rods)), &mut check))
@@ -415,8 +438,16 @@ mod tests {
     }
 
     #[test]
+    fn what_stayed_in_place_while_the_robot_did_not_turn_may_be_the_hall() {
+        let mut check = warm_check(3, 1.0);
+        for number in 100..100 + 4 * CONFIRMATIONS as usize {
+            assert_eq!(view(&turned(&picture(number, 3)), &mut check), None);
+        }
+    }
+
+    #[test]
     fn too_bright_images_of_which_most_is_covered_show_no_turn() {
-        let mut check = warm_check(3);
+        let mut check = warm_check(3, 3.0);
         for number in 0..30 {
             let mut pixels: Vec<u8> = picture(number, 3)
                 .iter()
@@ -436,7 +467,7 @@ mod tests {
     fn images_that_decide_nothing_end_no_suspicion_and_one_in_place_does() {
         let grey = vec![70; 3 * SIDE * SIDE];
         let turned_picture = |number: usize| turned(&picture(number, 3));
-        let mut check = warm_check(3);
+        let mut check = warm_check(3, 3.0);
         let mut named = None;
         for number in 0..CONFIRMATIONS as usize {
             view(&grey, &mut check);
@@ -445,7 +476,7 @@ mod tests {
         assert_eq!(named, Some(90));
         assert_eq!(view(&picture(0, 3), &mut check), None);
 
-        let mut check = warm_check(3);
+        let mut check = warm_check(3, 3.0);
         for number in 0..4 * CONFIRMATIONS as usize {
             view(&picture(number, 3), &mut check);
             assert_eq!(view(&turned_picture(number), &mut check), None);
