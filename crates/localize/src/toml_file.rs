@@ -19,7 +19,7 @@ pub enum TomlFileError {
         source: std::io::Error,
     },
     /// The content is not such a value.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {}", path.display(), in_plain_words(source))]
     Parse {
         /// The file.
         path: PathBuf,
@@ -97,6 +97,27 @@ pub fn parse<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, TomlFile
     })
 }
 
+/// What a parser of TOML says, without the names that a type has in the program.
+pub fn in_plain_words(error: &toml::de::Error) -> String {
+    const WORDS: [(&[&str], &str); 3] = [
+        (
+            &["u8", "u16", "u32", "u64", "usize"],
+            "a whole number from 0 on",
+        ),
+        (&["i8", "i16", "i32", "i64", "isize"], "a whole number"),
+        (&["f32", "f64"], "a number"),
+    ];
+    let text = error.to_string();
+    let lines = text.lines().map(|line| {
+        let (reason, expected) = line.rsplit_once(", expected ")?;
+        let (_, words) = WORDS.iter().find(|(types, _)| types.contains(&expected))?;
+        Some(format!("{reason} (expected {words})"))
+    });
+    let lines = text.lines().zip(lines);
+    let lines = lines.map(|(line, plain)| plain.unwrap_or_else(|| line.to_owned()));
+    lines.collect::<Vec<String>>().join("\n")
+}
+
 /// A number in a value that starts at `start` which has no place in 32 bits, with its own start. It would become infinite.
 fn too_large_number(value: &DeValue<'_>, start: usize) -> Option<(usize, String)> {
     match value {
@@ -121,6 +142,31 @@ fn too_large_number(value: &DeValue<'_>, start: usize) -> Option<(usize, String)
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn value_of_another_type_is_refused_without_names_of_the_program() {
+        #[derive(Debug, serde::Deserialize)]
+        struct Sizes {
+            #[serde(rename = "width")]
+            _width: usize,
+            #[serde(rename = "height")]
+            _height: Option<f32>,
+        }
+        for (text, wanted) in [
+            (
+                "width = -3",
+                "integer `-3` (expected a whole number from 0 on)",
+            ),
+            ("width = 3.5", "`3.5` (expected a whole number from 0 on)"),
+            (
+                "width = 1\nheight = \"x\"",
+                "string \"x\" (expected a number)",
+            ),
+        ] {
+            let message = parse::<Sizes>(Path::new("a.toml"), text).expect_err("another type");
+            assert!(message.to_string().contains(wanted), "{message}");
+        }
+    }
 
     #[test]
     fn empty_file_is_named_as_one_where_something_is_needed() {

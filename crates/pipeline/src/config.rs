@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Result, anyhow};
 use localize::config::{LocalizeConfig, SettingError};
 use localize::team::TeamConfig;
-use localize::toml_file;
+use localize::toml_file::{self, TomlFileError};
 use localize::toml_location::key_location;
 use localize::world::WorldConfig;
 use schemars::JsonSchema;
@@ -57,11 +57,10 @@ impl PipelineConfig {
         let Some(path) = overlay else {
             return Ok(base);
         };
-        let file = path.display();
         let (overlay, text): (toml::Table, _) = toml_file::read(path)?;
         renamed_keys::refuse_renamed(&overlay, Some((path, &text)))?;
         // Alone first: an unknown key or a wrong type is named with its line.
-        PipelineConfig::parse(&text).with_context(|| file.to_string())?;
+        PipelineConfig::parse(&text).map_err(|error| TomlFileError::parse(path, error))?;
         apply_overlay(&base, overlay).map_err(|error| {
             let key = error.downcast_ref().map(|SettingError { key, .. }| key);
             let place = key_location(path, &text, key.map_or("", String::as_str));
@@ -99,7 +98,9 @@ pub fn apply_overlay(base: &PipelineConfig, overlay: toml::Table) -> Result<Pipe
     renamed_keys::refuse_renamed(&overlay, None)?;
     let mut merged = base.to_table()?;
     merge_tables(&mut merged, overlay);
-    let config: PipelineConfig = merged.try_into()?;
+    let config: PipelineConfig = merged
+        .try_into()
+        .map_err(|error| anyhow!(toml_file::in_plain_words(&error)))?;
     config.check()?;
     Ok(config)
 }
