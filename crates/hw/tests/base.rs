@@ -301,7 +301,8 @@ fn garbage_and_stall_are_distinguished_and_recovered_from() {
 }
 
 #[test]
-fn base_with_a_pressed_emergency_stop_or_without_encoders_gets_no_speeds_and_no_kick() {
+fn base_with_a_pressed_emergency_stop_or_without_encoders_gets_no_speeds_no_kick_and_no_dribbling()
+{
     let port = PseudoSerialPort::connected();
     let queue = EventQueue::new(1024);
     let base = BaseDriver::start(
@@ -317,7 +318,7 @@ fn base_with_a_pressed_emergency_stop_or_without_encoders_gets_no_speeds_and_no_
     };
     // Commands all the time; true if the last of those received drives, false if twenty in a row do not. Kicks are counted.
     let drives = |board: &mut FakeBoard, counts: bool, flags: u8, wanted: bool| {
-        let (mut drove, mut quiet, mut kicks) = (false, 0, 0);
+        let (mut drove, mut quiet, mut kicks, mut turns) = (false, 0, 0, 0);
         wait_until("the wheels", || {
             if counts {
                 board.send_counts(1);
@@ -331,17 +332,25 @@ fn base_with_a_pressed_emergency_stop_or_without_encoders_gets_no_speeds_and_no_
                 lofted: false,
             };
             base.handle().kick(kick, short_deadline()).expect("kicked");
+            let dribble = base.handle().dribble([30.0; 2], short_deadline());
+            dribble.expect("dribbled");
             for message in board.received_messages() {
                 match message {
                     Message::WheelCommand(command) if command.speed_crad[0] == 0 => quiet += 1,
                     Message::WheelCommand(_) => (drove, quiet) = (true, 0),
                     Message::KickCommand(_) if quiet > 10 => kicks += 1,
+                    Message::DribbleCommand(command) if quiet > 10 => {
+                        turns += i32::from(command.left_drad != 0);
+                    }
                     _ => {}
                 }
             }
             (if wanted { drove } else { quiet > 40 }).then_some(())
         });
-        assert!(wanted || kicks == 0, "{kicks} kicks");
+        assert!(
+            wanted || (kicks, turns) == (0, 0),
+            "{kicks} kicks, {turns} commands that turn the dribbler"
+        );
     };
     drives(&mut board, true, 0, true);
     drives(&mut board, true, 1, false);

@@ -100,8 +100,8 @@ impl ControlLoop {
         self.send_commands(link, clock::now(), start)
     }
 
-    /// Sends the commands that are valid now. `start`: of the connection. A base that must not drive gets no speeds and no kicks: the
-    /// wheels would turn the moment it may again.
+    /// Sends the commands that are valid now. `start`: of the connection. A base that must not drive gets no speeds and no kicks, and
+    /// its dribbler stands: they would turn the moment it may again.
     fn send_commands(
         &mut self,
         link: &mut BaseLink,
@@ -154,7 +154,8 @@ impl ControlLoop {
             self.confirmations.on_kick_sent(kick_tally, now, sequence);
         }
         if let Some(dribble) = dribble {
-            link.dribble(dribble.value, dribble.remaining(now), now)?;
+            let speeds = if may_drive { dribble.value } else { [0.0; 2] };
+            link.dribble(speeds, dribble.remaining(now), now)?;
         }
         Ok(())
     }
