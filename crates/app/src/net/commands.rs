@@ -40,6 +40,9 @@ pub struct CommandConfig {
     pub state_age_max_ms: f32,
 }
 
+/// Longest validity of any command, milliseconds: the base refuses longer ones.
+const VALIDITY_MAX_MS: f32 = (hw::config::COMMAND_VALIDITY_MAX * 1e3) as f32;
+
 /// By what senders address this start of this robot; the state output publishes both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RobotIdentity {
@@ -54,7 +57,7 @@ impl Default for CommandConfig {
         CommandConfig {
             bind: "127.0.0.1:7071".to_owned(),
             key: None,
-            valid_max_ms: (hw::config::COMMAND_VALIDITY_MAX * 1e3) as f32,
+            valid_max_ms: VALIDITY_MAX_MS,
             speed_max: 15.0,
             kick_max: 15.0,
             silence: 1.0,
@@ -224,6 +227,16 @@ pub(crate) struct CommandCounts {
 const MAX_DATAGRAM_BYTES: usize = 2048;
 
 impl CommandConfig {
+    /// Refuses what a base could not do.
+    pub(super) fn check_validity(&self) -> Result<()> {
+        ensure!(
+            self.valid_max_ms <= VALIDITY_MAX_MS,
+            "[commands] invalid valid_max_ms: {} (expected at most {VALIDITY_MAX_MS}: no command of a base is valid longer)",
+            self.valid_max_ms
+        );
+        Ok(())
+    }
+
     /// The address to listen on. Addresses that other machines reach need a key.
     pub fn address(&self) -> Result<SocketAddr> {
         let address =

@@ -74,6 +74,7 @@ impl NetworkConfig {
     fn check(&self) -> Result<()> {
         if let Some(commands) = &self.commands {
             commands.address()?;
+            commands.check_validity()?;
             let robot = self.robot_number();
             commands::CommandFilter::new(commands, RobotIdentity { robot, boot: 1 })?;
             if commands.key.is_some() {

@@ -260,6 +260,15 @@ fn remote_commands_require_a_key() {
     config.key = Some("short".to_owned());
     assert!(CommandListener::listen(&config, IDENTITY, |_| true).is_err());
     assert!(toml::from_str::<NetworkConfig>("[comands]\n").is_err());
+    let longer = NetworkConfig {
+        commands: Some(CommandConfig {
+            valid_max_ms: 1000.0,
+            ..CommandConfig::default()
+        }),
+        ..NetworkConfig::default()
+    };
+    let error = longer.check().expect_err("rejected");
+    assert!(error.to_string().contains("at most 100"), "{error:#}");
     let key_without_outputs = NetworkConfig {
         commands: Some(CommandConfig {
             key: Some(SHARED_KEY.to_owned()),

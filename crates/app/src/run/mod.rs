@@ -3,6 +3,7 @@
 mod arguments;
 pub(crate) mod command_arbiter;
 mod exposure_control;
+mod field_half;
 pub(crate) mod latency;
 pub(crate) mod log_rotation;
 pub(crate) mod network;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use hw::camera::CapturedImage;
 use hw::{BaseDriver, DeviceEvent, Devices, EventQueue, HardwareConfig};
 use localize::Stamp;
@@ -101,6 +101,12 @@ impl RunLoop {
             args.live,
             config.team.number,
         )?;
+        // Another program may be the camera and the base.
+        ensure!(
+            has_devices(&robot.hardware) || network_config.ros2.is_some(),
+            "{}: names no device (expected [camera], [base] or [[inertial]], as in docs/hardware.toml)",
+            robot.folder.join("hardware.toml").display()
+        );
         let preamble = StreamPreamble {
             header: &header,
             field,
@@ -538,6 +544,10 @@ fn header(robot: &RobotFolder, config: &PipelineConfig) -> Result<Header> {
         .with_file(PIPELINE_FILE, config.to_table()?.to_string())
         .with_file("hardware.toml", toml::to_string(&robot.hardware)?);
     Ok(header)
+}
+
+fn has_devices(hardware: &HardwareConfig) -> bool {
+    hardware.camera.is_some() || hardware.base.is_some() || !hardware.inertial.is_empty()
 }
 
 fn start_message(hardware: &HardwareConfig, teleop: bool) -> String {

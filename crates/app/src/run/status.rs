@@ -7,6 +7,7 @@ use localize::Stamp;
 use localize::estimate::Mode;
 use serde::Serialize;
 
+use super::field_half::FieldHalf;
 use super::latency::{LatencyHistogram, LatencySummary};
 use super::log_rotation::LogSummary;
 use super::repeated_lines::RepeatedLines;
@@ -162,6 +163,7 @@ pub(crate) struct RunStatus {
     frames: u64,
     cycles_without_image: u64,
     unused_images: UnusedImages,
+    field_half: FieldHalf,
     modes: ModeCounts,
     latency: LatencyHistogram,
     cycle_latency: LatencyHistogram,
@@ -188,6 +190,7 @@ impl RunStatus {
             frames: 0,
             cycles_without_image: 0,
             unused_images: UnusedImages::default(),
+            field_half: FieldHalf::default(),
             modes: ModeCounts::default(),
             latency: LatencyHistogram::default(),
             cycle_latency: LatencyHistogram::default(),
@@ -224,6 +227,10 @@ impl RunStatus {
                 self.record_change("images", "used", None);
             }
             None => {}
+        }
+        if let Some(change) = self.field_half.take(&cycle.estimate) {
+            self.print_line(change.text());
+            self.record_change("field half", change.state(), Some(change.text().to_owned()));
         }
         if cycle.detections.is_none() {
             self.cycles_without_image += 1;
