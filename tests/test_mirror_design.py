@@ -237,6 +237,10 @@ def test_freeform_part_follows_arbitrary_target_map() -> None:
             ["part 2 (constant curvature)", "at t = 0.2000", "earlier"],
         ),
         ([Free(target=lambda t: (np.nan * t, 0 * t), until_t=0.2)], ["part 1 (free)", "not a number"]),
+        (
+            [Free(target=lambda t: (20.0 * t, 0 * t), until_t=0.3, known_t=(0.0, 0.2))],
+            ["part 1 (free)", "the points end at t = 0.2, but the part ends at t = 0.3"],
+        ),
         ([Cone(slope=1.0, until_t=0.2), HorizontallyIsometric(until_t=0.3, until_m=6.0)], ["part 2", "does not come down"]),
         ([Hyperboloid(eccentricity=1.05, until_t=0.45)], ["part 1 (hyperboloid)", "asymptote"]),
         ([Sphere(radius_m=0.05, until_t=0.1, until_ground_m=1.0)], ["part 1 (sphere)", "exactly one"]),

@@ -1,6 +1,8 @@
 """Design files, reports and rendered images, and the messages about invalid ones."""
 
+import contextlib
 import re
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,7 +11,7 @@ import numpy as np
 import pytest
 
 from mirrorball import Camera, Field, GroundMap, Mount, Profile, ground_map, render, trace_rays
-from mirrorball.mirror import Planar, design, fit_camera, judge, lima2001, load, nubot2013, report, view
+from mirrorball.mirror import Planar, design, fit_camera, judge, lima2001, load, nubot2013, plot_worker, report, reporting, view
 from mirrorball.mirror.plot_worker import PlotWorker
 
 ROOT = Path(__file__).parents[1]
@@ -66,6 +68,46 @@ def test_design_file_errors_name_file_and_key(wrong: str, right: str, words: str
     assert str(path) in str(caught.value)
 
 
+FREE = 'kind = "free"\npoints = [[0.2, 4.0, 0], [0.24, 6.0, 0], [0.27, 7.5, 0], [0.3, 9.0, 0]]'
+ISOMETRIC = 'kind = "horizontally isometric"\nuntil_t = 0.22\nuntil = 6.0'
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "words"),
+    [
+        (ISOMETRIC, FREE, r"part 1 \(free\): the points begin at t = 0\.2, but the part at t = 0$"),
+        (
+            ISOMETRIC,
+            f"{ISOMETRIC.replace('0.22', '0.14')}\n[[part]]\n{FREE}",
+            r"part 2 \(free\): the points begin at t = 0\.2, but the part at t = 0\.14$",
+        ),
+        (
+            ISOMETRIC,
+            f"{ISOMETRIC.replace('0.22', '0.31')}\n[[part]]\n{FREE}",
+            r"part 2 \(free\): the points end at t = 0\.3, but the part begins at t = 0\.31$",
+        ),
+        ("height = 0.6", "height = 10.0", r"height above the ground 10\.2\d* m is out of range \(expected at most 10 m, "),
+        ("until = 6.0", "until = 0.0", r"until_m = 0 m is the ground distance where it begins"),
+        (ISOMETRIC, 'kind = "cone"\nslope = 1.7\nuntil_t = 0.3', "shows no ground: all its rays go up"),
+        (
+            ISOMETRIC,
+            'kind = "vertically isometric"\nuntil_t = 0.3\nuntil_height = 1.0',
+            r"part 1 \(vertically isometric\): needs distance_m",
+        ),
+        ('"horizontally isometric"', '"isometric"', r"there are .*hyperboloid, free$"),
+        ("[camera]", "lens = { focus = 0.003 }\n[camera]", r"focus_m = 0\.003 must exceed focal_length_m = 0\.006"),
+        ("[camera]", "tolerances = { tilt_deg = 90 }\n[camera]", r"tilt_deg = 90 must be at most 20"),
+    ],
+)
+def test_design_that_no_robot_can_use_is_rejected(wrong: str, right: str, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "mirror.toml"
+    assert wrong in VALID_DESIGN
+    path.write_text(VALID_DESIGN.replace(wrong, right))
+    with pytest.raises(ValueError, match=words) as caught:
+        load(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
 def test_missing_file_error_lists_reference_designs() -> None:
     with pytest.raises(FileNotFoundError, match="lima2001"):
         load("nowhere.toml")
@@ -100,6 +142,29 @@ def test_plot_worker_write_failure_raises_os_error(tmp_path: Path, capfd: pytest
         drawer.draw(judge(lima2001(), focal_px=700.0), ["ground"], tmp_path / "nowhere")
         drawer.finish()
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_error_of_a_report_is_not_hidden_by_figures_that_are_still_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def draw_on(_subject: object, _names: object, folder: Path) -> None:
+        end = time.monotonic() + 3.0
+        while time.monotonic() < end:
+            with contextlib.suppress(OSError):
+                folder.mkdir(exist_ok=True)
+                (folder / f"{time.monotonic_ns() % 100}.svg").touch()
+
+    def fail_while_drawing(*_: object, **__: object) -> None:
+        while not list(tmp_path.glob(".report-*/*.svg")):
+            time.sleep(0.01)
+        raise ValueError("no such mirror")
+
+    monkeypatch.setattr(plot_worker, "draw", draw_on)
+    monkeypatch.setattr(reporting, "monte_carlo", fail_while_drawing)
+    with PlotWorker() as drawer, pytest.raises(ValueError, match="no such mirror"):
+        report(lima2001(), folder=tmp_path, mirrors=20, progress=False, drawer=drawer)
+    assert not list(tmp_path.iterdir())
 
 
 def test_rendered_ball_lies_at_isometric_radius() -> None:

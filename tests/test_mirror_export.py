@@ -9,7 +9,19 @@ import pytest
 import trimesh
 
 from mirrorball import Profile
-from mirrorball.mirror import REFERENCE_DESIGNS, lima2001, read_dxf, read_stl, write_csv, write_dxf, write_step, write_stl
+from mirrorball.mirror import (
+    REFERENCE_DESIGNS,
+    HorizontallyIsometric,
+    Mirror,
+    design,
+    lima2001,
+    read_dxf,
+    read_stl,
+    write_csv,
+    write_dxf,
+    write_step,
+    write_stl,
+)
 from mirrorball.mirror.reflection import Array
 
 
@@ -102,3 +114,63 @@ def test_step_reads_back_within_its_deviation(tmp_path: Path) -> None:
 def test_zero_deviation_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="deviation_m = 0"):
         write_dxf(lima2001(), tmp_path / "no.dxf", deviation_m=0.0)
+
+
+def isometric(*, apex_m: float, pinhole_height_m: float, until_m: float) -> Mirror:
+    part = HorizontallyIsometric(until_t=0.3, until_m=until_m)
+    return design([part], pinhole_height_m=pinhole_height_m, apex_above_pinhole_m=apex_m)
+
+
+MIRRORS = {
+    "lima2001": lima2001(),
+    "a millimetre above the pinhole": isometric(apex_m=0.001, pinhole_height_m=0.1, until_m=0.5),
+    "ground up to a kilometre": isometric(apex_m=0.2, pinhole_height_m=0.6, until_m=1000.0),
+}
+
+
+@pytest.mark.parametrize("step_m", [None, 1e-3, 1e-2])
+@pytest.mark.parametrize("name", MIRRORS)
+def test_csv_states_the_deviation_of_the_curve_between_its_rows(name: str, step_m: float | None, tmp_path: Path) -> None:
+    mirror = MIRRORS[name]
+    export = write_csv(mirror, tmp_path / "mirror.csv", step_m=step_m)
+    read = Profile.load(export.path)
+    joints = [part.t_to + np.linspace(-2e-6, 2e-6, 401) for part in mirror.segments[:-1]]
+    rays = mirror.rays(np.concatenate([np.linspace(0.0, mirror.t_max, 30_001)[1:], *joints]))
+    found = np.abs(read.height_and_slope(rays.x_m)[0] - rays.y_m - mirror.pinhole_height_m).max()
+    # Found at other places than those the statement rests on; 1e-15 m are the digits of the file.
+    assert 0.5 * export.deviation_m - 2e-15 <= found <= 1.1 * export.deviation_m + 2e-15
+    assert step_m is not None or export.deviation_m < 1e-7
+
+
+@pytest.mark.parametrize("name", MIRRORS)
+@pytest.mark.parametrize("source", ["file", "memory"])
+def test_default_samples_keep_the_ground_of_small_and_far_seeing_mirrors(name: str, source: str, tmp_path: Path) -> None:
+    mirror = MIRRORS[name]
+    part = mirror.segments[0]
+    read = Profile.load(write_csv(mirror, tmp_path / "mirror.csv").path) if source == "file" else mirror.profile()
+    exact = mirror.rays(np.linspace(0.001, 0.99, 5000) * part.t_to)
+    height, slope = read.height_and_slope(exact.x_m)
+    gamma = np.arctan(exact.x_m / (height - mirror.pinhole_height_m)) + 2.0 * np.arctan(slope)
+    ground, wanted = exact.x_m + height * np.tan(gamma), exact.distance_at_m(0.0)
+    # A millionth of the camera ray's slope moves the ground by this much.
+    per_slope = float(wanted[-1] / exact.t[-1]) * 1e-6
+    assert (np.abs(ground - wanted) <= 1e-5 + 1e-5 * wanted + per_slope).all()
+
+
+def test_step_that_makes_too_many_samples_is_rejected(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"invalid step_m: 1e-12 \(expected at least 5\.8e-07 m, 200000 samples\)"):
+        write_csv(lima2001(), tmp_path / "no.csv", step_m=1e-12)
+    with pytest.raises(ValueError, match="invalid step_m: 0"):
+        lima2001().samples(step_m=0.0)
+
+
+def test_profile_that_no_program_could_read_is_not_written(tmp_path: Path) -> None:
+    big = design([HorizontallyIsometric(until_t=0.3, until_m=200.0)], pinhole_height_m=20.0, apex_above_pinhole_m=5.0)
+    with pytest.raises(ValueError, match=r"height above the ground 26\.\d+ m is out of range \(expected at most 10 m, "):
+        write_csv(big, tmp_path / "big.csv")
+    assert not list(tmp_path.iterdir())
+
+
+def test_negative_deviation_of_a_body_is_rejected_as_given(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"deviation_m = -1\.0 must be positive"):
+        write_stl(lima2001(), tmp_path / "no.stl", deviation_m=-1.0)

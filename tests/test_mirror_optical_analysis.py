@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
-from mirrorball import Camera
+from mirrorball import Camera, ground_map
 from mirrorball.mirror import (
     REFERENCE_DESIGNS,
     Cone,
@@ -15,9 +16,11 @@ from mirrorball.mirror import (
     Tolerances,
     design,
     fit_camera,
+    ground_costs,
     judge,
     lima2001,
     monte_carlo,
+    nubot2013,
     visible_heights,
 )
 
@@ -186,3 +189,47 @@ def test_visible_heights_match_the_design_target() -> None:
     assert curved.shows(distance_m=11.2, height_m=0.59) and not curved.shows(distance_m=11.2, height_m=0.61)
     assert np.isfinite(isometric.highest_m[:2]).all() and np.isnan(isometric.highest_m[2:]).all()
     assert np.isnan(planar.highest_m).all()
+
+
+def test_ground_across_the_axis_is_where_the_ground_map_has_it() -> None:
+    inverted = design([Cone(slope=-0.5, until_t=0.3)], pinhole_height_m=0.6, apex_above_pinhole_m=0.2)
+    camera = Camera(width_px=201, height_px=201, focal_px=500.0, pinhole_height_m=0.6)
+    traced = ground_map(camera=camera, profile=inverted.profile())
+    judged = judge(inverted, focal_px=500.0)
+    ground = judged.views[0].ground_m
+    column = 160
+    found = float(np.hypot(traced.x_m[100, column], traced.y_m[100, column]))
+    t = (column - camera.centre_px[0]) / 500.0
+    assert found == pytest.approx(float(np.interp(t, judged.views[0].rays.t, ground)), abs=1e-4)
+    assert np.ravel(judged.blind_m) == pytest.approx([0.0, ground.min(), ground.max(), 12.0], abs=1e-6)
+    assert ground_costs(inverted, camera=camera)
+
+
+def test_ground_costs_at_a_joint_match_the_reflection_law() -> None:
+    mirror = nubot2013()
+    camera = fit_camera(mirror)
+    isometric = mirror.segment("horizontally isometric")
+    costs = {cost.imperfection: cost for cost in ground_costs(mirror, camera=camera)}
+    at = int(np.argmin(np.abs(costs["focal length off by 0.1 %"].distance_m - 8.0)))
+
+    def ground(t: float, lift: float = 0.0) -> float:
+        # The ray t meets the lifted profile where the design has the slope u.
+        def miss(u: float) -> float:
+            y = float(mirror.rays(np.array([u])).y_m[0])
+            return u * y - t * (y + lift)
+
+        rays = mirror.rays(np.array([brentq(miss, t - 1e-3, t + 1e-3, xtol=1e-15)]))
+        gamma = np.arctan(t) + 2.0 * np.arctan(rays.slope[0])
+        return float(rays.x_m[0] + (rays.y_m[0] + lift + mirror.pinhole_height_m) * np.tan(gamma))
+
+    t = isometric.t_to
+    assert ground(t) == pytest.approx(8.0, abs=1e-9)
+    focal, raised = costs["focal length off by 0.1 %"], costs["mirror 0.1 mm too high"]
+    assert focal.rms_m[at] == pytest.approx(abs(ground(t / 1.001) - 8.0), rel=0.1)
+    assert raised.rms_m[at] == pytest.approx(abs(ground(t, 1e-4) - 8.0), rel=0.1)
+
+
+@pytest.mark.parametrize("rays", [0, 1])
+def test_too_few_rays_are_rejected(rays: int) -> None:
+    with pytest.raises(ValueError, match=rf"invalid rays_per_part: {rays} \(expected at least 2\)"):
+        judge(lima2001(), focal_px=500.0, rays_per_part=rays)

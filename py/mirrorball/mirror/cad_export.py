@@ -16,6 +16,7 @@ import numpy as np
 from mirrorball.arguments import checked
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reflection import Array
+from mirrorball.mirror.sampling import profile_deviation_m
 from mirrorball.output_file import replacing
 
 MM_PER_M = 1e3
@@ -31,15 +32,20 @@ class Export:
 
 
 @checked
-def write_csv(mirror: Mirror, path: str | Path, *, step_m: float = 1e-4) -> Export:
-    """`radius_m,height_m` above the ground, to the picometre: what robot.toml's `profile` names."""
+def write_csv(mirror: Mirror, path: str | Path, *, step_m: float | None = None) -> Export:
+    """`radius_m,height_m` above the ground, to the femtometre: what robot.toml's `profile` names. `step_m` as `Mirror.samples`.
+
+    The deviation is the largest difference in height between the design and `Profile.load`, between samples and at joints.
+    """
     path = Path(path)
-    radius, height = mirror.samples(step_m=step_m)
+    # Slopes are differences of heights: over a step of 10 µm a picometre is 0.2 m on the ground 1 km away.
+    rows = [(f"{x:.15f}", f"{y:.15f}") for x, y in zip(*mirror.samples(step_m=step_m), strict=True)]
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["radius_m", "height_m"])
-        writer.writerows((f"{x:.12f}", f"{y:.12f}") for x, y in zip(radius, height, strict=True))
-    return Export(path, 0.5e-12)
+        writer.writerows(rows)
+    radius, height = np.array(rows, dtype=np.float64).T
+    return Export(path, profile_deviation_m(mirror, radius, height))
 
 
 @checked
@@ -73,6 +79,7 @@ def write_stl(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-5, ba
     Watertight, facets no further than `deviation_m` from the surface, along the meridian and around.
     """
     path = Path(path)
+    _require_positive(deviation_m)
     # Half for the chords along the meridian, half for those around the axis.
     pieces = [_approximate_by_chords(mirror, index, deviation_m / 2.0) for index in range(len(mirror.segments))]
     x = np.concatenate([pieces[0][0][:1], *[piece[0][1:] for piece in pieces]])
@@ -127,13 +134,17 @@ def read_dxf(path: str | Path) -> list[Array]:
     return [np.array(line.get_points("xy")) / MM_PER_M for line in space.query("LWPOLYLINE")]
 
 
+def _require_positive(deviation_m: float) -> None:
+    if not deviation_m > 0.0:
+        raise ValueError(f"deviation_m = {deviation_m} must be positive")
+
+
 def _approximate_by_chords(mirror: Mirror, index: int, deviation_m: float) -> tuple[Array, Array, float]:
     """Points of one segment (above the pinhole) whose chords stay within the deviation, and what they do reach.
 
     A chord of length l leaves its arc by κ·l²/8, so points are spread evenly in ∫√κ ds.
     """
-    if not deviation_m > 0.0:
-        raise ValueError(f"deviation_m = {deviation_m} must be positive")
+    _require_positive(deviation_m)
     segment = mirror.segments[index]
     t = np.linspace(segment.t_from, segment.t_to, 2001)
     y = segment.height(t)

@@ -18,7 +18,7 @@ from mirrorball._core import Camera
 from mirrorball.arguments import checked
 from mirrorball.mirror import parts, requirements
 from mirrorball.mirror.optical_analysis import Lens
-from mirrorball.mirror.profile_design import Mirror, design
+from mirrorball.mirror.profile_design import Mirror, design, require_readable
 from mirrorball.mirror.reference_designs import REFERENCE_DESIGNS
 from mirrorball.mirror.reflection import Array
 from mirrorball.mirror.reporting import fit_camera
@@ -131,6 +131,9 @@ def _parse_design(table: dict[str, Any], *, name: str, progress: bool) -> Design
             t_max=(camera.outer_radius_px or half) / camera.focal_px,
             name=name,
         )
+    require_readable(mirror)
+    if not np.isfinite(mirror.rays(np.linspace(0.0, mirror.t_max, 2001)).distance_at_m(0.0)).any():
+        raise ValueError("the mirror shows no ground: all its rays go up (expected some that meet the floor)")
     return DesignSpec(
         mirror=mirror,
         camera=camera,
@@ -186,7 +189,10 @@ def _parse_freeform(row: dict[str, Any], place: str) -> parts.Free:
         raise ValueError(f"{place} (free): points must be finite numbers")
     target = _CubicTarget(scipy.interpolate.CubicSpline(points[:, 0], points[:, 1:]))
     return parts.Free(
-        target=target, until_t=float(points[-1, 0]), tangent_continuous=bool(row.get("tangent_continuous", False))
+        target=target,
+        until_t=float(points[-1, 0]),
+        tangent_continuous=bool(row.get("tangent_continuous", False)),
+        known_t=(float(points[0, 0]), float(points[-1, 0])),
     )
 
 
@@ -201,8 +207,9 @@ class _CubicTarget:
 
 def _parse_kind(kinds: dict[str, type[T]], row: dict[str, Any], place: str) -> T:
     kind = _require_key(row, "kind", place)
+    further = ", free" if kinds is PART_KINDS else ""
     if not isinstance(kind, str) or kind not in kinds:
-        raise ValueError(f"{place}: no kind {kind!r}; there are {', '.join(kinds)}")
+        raise ValueError(f"{place}: no kind {kind!r}; there are {', '.join(kinds)}{further}")
     return _parse_dataclass(kinds[kind], {key: value for key, value in row.items() if key != "kind"}, f"{place} ({kind})")
 
 

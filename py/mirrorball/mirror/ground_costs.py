@@ -17,6 +17,9 @@ from mirrorball.records import Record
 WAVES = 12
 """Waves of the surface that are averaged: where a crest lies decides what it costs."""
 WAVE_LENGTH_M = 0.01
+SAMPLES = 30_000
+"""Interpolation mixes two parts within a few steps of their joint. These steps must be short against the distance that an
+imperfection moves a ray on the mirror (some 50 µm), or the cost at a joint is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +42,7 @@ def ground_costs(mirror: Mirror, *, camera: Camera, reach_m: float = 12.0) -> li
     """
     if not shows_ground(mirror, reach_m=reach_m):
         return []
-    errors = PixelErrors(mirror, camera=camera, reach_m=reach_m)
+    errors = PixelErrors(mirror, camera=camera, reach_m=reach_m, step_m=mirror.radius_m / SAMPLES)
     radius, height = errors.radius_m, errors.height_m
 
     def waves() -> list[Array]:

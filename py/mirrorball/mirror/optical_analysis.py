@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorball.arguments import checked
+from mirrorball.arguments import checked, invalid
 from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.reflection import Array, Mask, Rays
 from mirrorball.mirror.segment import Segment
@@ -37,6 +37,11 @@ class Lens:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"lens: {name} = {value:g} must be positive")
+        if self.focus_m is not None and self.focus_m <= self.focal_length_m:
+            raise ValueError(
+                f"lens: focus_m = {self.focus_m:g} must exceed focal_length_m = {self.focal_length_m:g}: "
+                "no lens is in focus nearer than its focal length"
+            )
 
     @property
     def aperture_m(self) -> float:
@@ -51,7 +56,8 @@ class View(Record):
     part: str
     rays: Rays
     ground_m: Array
-    """Where the ray meets the ground; NaN where it does not, or where the mirror itself is in its way."""
+    """Distance from the axis where the ray meets the ground, on either side of it; NaN where it does not, or where the mirror
+    itself is in its way."""
     blocked: Mask
     """True where the reflected ray meets the mirror again."""
     radial_px_per_m: Array
@@ -148,6 +154,8 @@ def judge(
     for key, value in (("focal_px", focal_px), ("reach_m", reach_m)):
         if not (np.isfinite(value) and value > 0.0):
             raise ValueError(f"{key} = {value} must be positive")
+    if rays_per_part < 2:
+        raise ValueError(invalid("rays_per_part", rays_per_part, "at least 2"))
     lens = lens or Lens()
     traced = []
     for segment in mirror.segments:
@@ -199,7 +207,8 @@ def _analyse_part(mirror: Mirror, rays: Rays, *, focal_px: float, part: str, vie
     return View(
         part=part,
         rays=rays,
-        ground_m=ground,
+        # A ray that crosses the axis shows ground on its other side, at a positive distance as well.
+        ground_m=np.abs(ground),
         blocked=blocked,
         radial_px_per_m=np.where(np.isfinite(ground), radial, np.nan),
         tangential_px_per_m=tangential,

@@ -20,6 +20,8 @@ from mirrorball.mirror.segment import Segment, Start
 
 TANGENT_TOLERANCE = 1e-9
 """Tangents that differ by less are one."""
+KNOWN_TOLERANCE = 1e-9
+"""Slopes t that differ by less are one: where a part ends may be the root of an equation."""
 
 
 @runtime_checkable
@@ -62,6 +64,9 @@ class HorizontallyIsometric:
         """One segment of the design equation."""
         name = "horizontally isometric"
         begin = _previous_ground_m(start, name) if self.from_m is None else self.from_m
+        if self.until_m == begin:
+            why = f"until_m = {begin:g} m is the ground distance where it begins"
+            raise start.refuse(name, f"{why} (expected another: its rays would all show one point)")
         target = LinearTarget((start.t, self.until_t), distance_m=(begin, self.until_m), height_m=(0.0, 0.0))
         continues = self.from_m is None
         return [integrate(target, start, until_t=self.until_t, part=name, tangent_continuous=continues)]
@@ -82,6 +87,8 @@ class VerticallyIsometric:
     def build(self, start: Start) -> list[Segment]:
         """One segment of the design equation."""
         name = "vertically isometric"
+        if self.distance_m is None and start.t == 0.0:
+            raise start.refuse(name, "needs distance_m, that of the wall: no ray before it that could say where the wall is")
         wall = _previous_ground_m(start, name) if self.distance_m is None else self.distance_m
         if self.from_height_m is not None:
             low = self.from_height_m
@@ -104,9 +111,20 @@ class Free:
     tangent_continuous: bool = False
     """Require that the target map begins with the last ray of the previous part."""
     name: str = "free"
+    known_t: tuple[float, float] | None = None
+    """Slopes between which the target map is known, as that through points is; None: everywhere."""
 
     def build(self, start: Start) -> list[Segment]:
         """One segment of the design equation."""
+        if self.known_t is not None:
+            first, last = self.known_t
+            if start.t < first - KNOWN_TOLERANCE:
+                why = f"the points begin at t = {first:g}, but the part at t = {start.t:g}"
+                raise start.refuse(self.name, why)
+            if max(start.t, self.until_t) > last + KNOWN_TOLERANCE:
+                verb = "begins" if start.t > last else "ends"
+                why = f"the points end at t = {last:g}, but the part {verb} at t = {max(start.t, self.until_t):g}"
+                raise start.refuse(self.name, why)
         if self.tangent_continuous:
             distance, height = (float(np.ravel(a)[0]) for a in self.target(np.array([start.t])))
             kink = start.slope_to_point(distance, height) - start.slope

@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import os
 import pickle
+import signal
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
@@ -95,6 +96,12 @@ class PlotWorker:
             raise OSError(*error)
         if status != 0:
             raise OSError("a figure could not be written")
+
+    def abandon(self) -> None:
+        """Kills the process, so that it writes nothing more; a later `finish` does not wait."""
+        if self._worker_pid is not None:
+            os.kill(self._worker_pid, signal.SIGKILL)
+            self._wait()
 
     def _wait(self) -> tuple[int, tuple[Any, ...]]:
         """Exit status of the process, and the arguments of the OSError that ended it, if one did."""

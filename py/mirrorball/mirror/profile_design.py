@@ -8,13 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorball._core import Profile
-from mirrorball.arguments import checked
+from mirrorball.arguments import checked, invalid
 from mirrorball.mirror.parts import Part
 from mirrorball.mirror.reflection import Array, Rays
+from mirrorball.mirror.sampling import SAMPLES_MAX, fine_step_m, slopes_at_radii
 from mirrorball.mirror.segment import Segment, Start
 
-KINK_SAMPLE_SPACING_M = 2e-6
+KINK_SAMPLE_SPACING_M = 2e-7
 """A sample this close on either side of a kink keeps it from rounding off whatever curve is laid through the samples."""
+
+PROFILE_RADIUS_MAX_M, PROFILE_HEIGHT_MAX_M, PROFILE_SLOPE_MAX = 2.0, 10.0, 50.0
+"""Limits of `Profile` (height above the ground): larger numbers mean a file that is not in metres."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +63,19 @@ class Mirror:
         gamma = np.arctan(t) + 2.0 * np.arctan(slope)
         return Rays(t=t, x_m=t * y, y_m=y, slope=slope, gamma_rad=gamma, pinhole_height_m=self.pinhole_height_m)
 
-    def samples(self, *, step_m: float = 5e-5) -> tuple[Array, Array]:
-        """Radius and height above the ground (metres), at most `step_m` apart, with every joint between parts."""
-        if not step_m > 0.0:
-            raise ValueError(f"step_m = {step_m} must be positive")
+    def samples(self, *, step_m: float | None = None) -> tuple[Array, Array]:
+        """Radius and height above the ground (metres), at most `step_m` apart, with every joint between parts.
+
+        Without a step, the spacing is that at which interpolation reproduces the design (`sampling.fine_step_m`). ValueError
+        for a step that is not positive or gives more than `SAMPLES_MAX` samples, and for a mirror that `Profile` refuses.
+        """
+        require_readable(self)
+        if step_m is None:
+            step_m = fine_step_m(self)
+        least = self.radius_m / SAMPLES_MAX
+        if not (np.isfinite(step_m) and step_m >= least):
+            raise ValueError(invalid("step_m", step_m, f"at least {least:.2g} m, {SAMPLES_MAX} samples"))
+        spacing = min(KINK_SAMPLE_SPACING_M, step_m / 50.0)
         radii, heights = [np.zeros(1)], [np.array([float(self.segments[0].height(np.zeros(1))[0])])]
         for segment in self.segments:
             ends = np.array([segment.t_from, segment.t_to])
@@ -70,10 +83,10 @@ class Mirror:
             count = max(int(np.ceil((last - first) / step_m)), 4)
             x = np.linspace(first, last, count + 1)[1:]
             if segment is not self.segments[0] and not segment.tangent_continuous:
-                x = np.append(first + KINK_SAMPLE_SPACING_M, x)
+                x = np.append(first + spacing, x)
             if (following := self._next_segment(segment)) and not following.tangent_continuous:
-                x = np.insert(x, -1, last - KINK_SAMPLE_SPACING_M)
-            t = _slopes_at_radii(segment, x)
+                x = np.insert(x, -1, last - spacing)
+            t = slopes_at_radii(segment, x)
             radii.append(x)
             heights.append(x / t)
         return np.concatenate(radii), np.concatenate(heights) + self.pinhole_height_m
@@ -82,21 +95,28 @@ class Mirror:
         index = self.segments.index(segment) + 1
         return self.segments[index] if index < len(self.segments) else None
 
-    def profile(self, *, step_m: float = 5e-5) -> Profile:
-        """The profile as the robot's own tracer and the simulator take it."""
+    def profile(self, *, step_m: float | None = None) -> Profile:
+        """The profile as the robot's own tracer and the simulator take it; `step_m` as in `samples`."""
         radius, height = self.samples(step_m=step_m)
         return Profile(radius_m=radius, height_m=height)
 
 
-def _slopes_at_radii(segment: Segment, x_m: Array) -> Array:
-    """Camera slopes t at which a segment has the radii x: Newton on X(t) = t·Y(t), with dX/dt = Y/(1 − t·Y′)."""
-    grid = np.linspace(segment.t_from, segment.t_to, 400)
-    t = np.interp(x_m, grid * segment.height(grid), grid)
-    for _ in range(6):
+def require_readable(mirror: Mirror) -> None:
+    """Raises ValueError if a part exceeds what `Profile` accepts."""
+    for segment in mirror.segments:
+        t = np.linspace(segment.t_from, segment.t_to, 257)
         y = segment.height(t)
-        rate = y / (1.0 - t * segment.tangent(t, y))
-        t = np.clip(t - (t * y - x_m) / rate, segment.t_from, segment.t_to)
-    return t
+        for name, values, most, unit in (
+            ("radius", t * y, PROFILE_RADIUS_MAX_M, " m"),
+            ("height above the ground", y + mirror.pinhole_height_m, PROFILE_HEIGHT_MAX_M, " m"),
+            ("slope", np.abs(segment.tangent(t, y)), PROFILE_SLOPE_MAX, ""),
+        ):
+            largest = float(values.max())
+            if largest > most:
+                raise ValueError(
+                    f"part {segment.number} ({segment.part}): {name} {largest:.4g}{unit} is out of range (expected at most "
+                    f"{most:g}{unit}, the limit of every program that reads profiles)"
+                )
 
 
 @checked

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -85,7 +86,7 @@ def report(
     camera = camera or fit_camera(mirror)
     judged = judge(mirror, focal_px=camera.focal_px, lens=lens, reach_m=reach_m)
     # A report appears complete or not at all.
-    with tempfile.TemporaryDirectory(prefix=".report-", dir=final) as unfinished:
+    with tempfile.TemporaryDirectory(prefix=".report-", dir=final) as unfinished, _abandoned_on_error(drawer):
         errors = _write_report(
             mirror,
             judged,
@@ -108,6 +109,17 @@ def report(
         for file in Path(unfinished).iterdir():
             file.replace(final / file.name)
     return Report(folder=final, page=final / "index.html", judgement=judged, errors=errors)
+
+
+@contextmanager
+def _abandoned_on_error(drawer: PlotWorker | None) -> Iterator[None]:
+    """Stops the drawing after an error: a folder cannot be removed while a process writes to it."""
+    try:
+        yield
+    except BaseException:
+        if drawer is not None:
+            drawer.abandon()
+        raise
 
 
 def _write_report(

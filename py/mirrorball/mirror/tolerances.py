@@ -19,6 +19,9 @@ from mirrorball.mirror.reflection import Array
 from mirrorball.mirror.segment import Segment
 from mirrorball.records import Record
 
+TILT_MAX_DEG, FOCAL_SHARE_MAX = 20.0, 0.2
+"""Largest standard deviations. With more, many of the drawn mirrors would show no ground, or have a negative focal length."""
+
 
 @checked
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +46,9 @@ class Tolerances:
             value = getattr(self, field.name)
             if not (np.isfinite(value) and value >= 0.0):
                 raise ValueError(f"tolerance {field.name} = {value:g} must not be negative")
+        for name, most in (("tilt_deg", TILT_MAX_DEG), ("focal_share", FOCAL_SHARE_MAX)):
+            if getattr(self, name) > most:
+                raise ValueError(f"tolerance {name} = {getattr(self, name):g} must be at most {most:g}")
         if self.form_length_m == 0.0:
             raise ValueError("tolerance form_length_m = 0 must be positive")
 
@@ -87,13 +93,13 @@ class GroundErrors(Record):
 class PixelErrors:
     """Pixels at ground distances and directions around the robot, and how far off an imperfect mirror shows each."""
 
-    def __init__(self, mirror: Mirror, *, camera: Camera, reach_m: float) -> None:
+    def __init__(self, mirror: Mirror, *, camera: Camera, reach_m: float, step_m: float | None = None) -> None:
         self._mirror, self._camera = mirror, camera
         self.distance_m, t = _sample_distances(mirror, reach_m=reach_m)
         rho = np.repeat(t * camera.focal_px, AZIMUTHS)
         turn = np.tile(np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS), t.size)
         self._u, self._v = camera.centre_px[0] + rho * np.cos(turn), camera.centre_px[1] + rho * np.sin(turn)
-        self.radius_m, self.height_m = mirror.samples(step_m=1e-4)
+        self.radius_m, self.height_m = mirror.samples(step_m=step_m)
         self._profile = Profile(radius_m=self.radius_m, height_m=self.height_m)
         plain = _scaled_camera(camera, mirror, focal_factor=1.0)
         self._nominal = _ground_points(plain, self._profile, self._u, self._v, Mount())
@@ -229,7 +235,8 @@ def _slope_at_ground_distance(mirror: Mirror, distance_m: float) -> float | None
         t = np.linspace(segment.t_from, segment.t_to, 400)
 
         def off(t: Array, segment: Segment = segment) -> Array:
-            return segment.rays(t, mirror.pinhole_height_m).distance_at_m(0.0) - distance_m
+            # The distance of a ray that crosses the axis is negative.
+            return np.abs(segment.rays(t, mirror.pinhole_height_m).distance_at_m(0.0)) - distance_m
 
         found = off(t)
         crossing = np.flatnonzero(np.isfinite(found[:-1]) & np.isfinite(found[1:]) & (found[:-1] * found[1:] <= 0.0))
