@@ -19,9 +19,10 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorball.arguments import checked
+from mirrorball._core import Field
+from mirrorball.arguments import checked, invalid
 from mirrorball.estimates import Cycle
-from mirrorball.pipeline import Config
+from mirrorball.pipeline import Config, Localizer
 from mirrorball.simulation import Simulation, Step
 
 __all__ = ["DriveToBall", "RobotEnv"]
@@ -44,7 +45,11 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
     - `image`: the camera image, uint8, rows × columns × 3 (blue, green, red).
 
     `scenario`, `change` as in `Simulation`, `preset`, `config` as in `Pipeline`. Each episode is simulated with a seed drawn
-    from the environment's generator, so `reset(seed=…)` repeats it.
+    from the environment's generator, so `reset(seed=…)` repeats it. The seed draws the noise of the sensors and the play of
+    other robots and people. The scenario says where the robot and the ball start, so without others all episodes with
+    `observe="truth"` are equal. `change` varies them.
+
+    ValueError for a negative speed, and for an action that is not three finite numbers; those beyond ±1 are limited.
     """
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (the name and form are Gymnasium's)
@@ -63,26 +68,39 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
         config: Config | None = None,
         render_mode: str | None = None,
     ) -> None:
+        for name, value in (("speed_max_mps", speed_max_mps), ("turn_max_radps", turn_max_radps)):
+            if value < 0.0:
+                raise ValueError(invalid(name, value, "at least 0"))
+        modes = self.metadata["render_modes"]
+        if render_mode is not None and render_mode not in modes:
+            raise ValueError(invalid("render_mode", render_mode, " or ".join(["None", *map(repr, modes)])))
+        if observe != "estimate":
+            # Settings are checked even where no pipeline uses them.
+            Localizer(field=Field(), preset=preset, config=config)
         self.observe = observe
         self.render_mode = render_mode
         self._scenario, self._change, self._duration_s = Path(scenario), dict(change or {}), duration_s
         self._preset, self._config = preset, config
         self._limits = np.array([speed_max_mps, speed_max_mps, turn_max_radps])
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float32)
+        # The observation space takes its shape from a first image.
         self._simulation, self._step = self._start(seed=0)
+        self._has_begun = False
         self.observation_space = self._space()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Starts an episode; `options` are not used."""
         super().reset(seed=seed, options=options)
         self._simulation, self._step = self._start(seed=int(self.np_random.integers(2**31)))
+        self._has_begun = True
         return self._observation(), self._info()
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drives until the next image."""
+        """Drives until the next image; gymnasium.error.ResetNeeded before the first `reset`."""
+        if not self._has_begun:
+            raise gymnasium.error.ResetNeeded("no episode has begun (expected reset() before step())")
         before = self._step
-        velocity = self._limits * np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
-        self._step = self._advance(velocity)
+        self._step = self._advance(self._limits * np.clip(_finite_action(action), -1.0, 1.0))
         terminated = self.has_ended(self._step)
         return self._observation(), self.reward(before, self._step), terminated, self._step.ended, self._info()
 
@@ -158,6 +176,17 @@ class DriveToBall(RobotEnv):
     def has_ended(self, step: Step) -> bool:
         """The ball is reached."""
         return _ball_distance(step) < self.reach_m
+
+
+def _finite_action(action: Any) -> NDArray[np.float64]:
+    try:
+        numbers = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        shown = action.tolist() if isinstance(action, np.ndarray) else action
+        raise ValueError(invalid("action", shown, "3 finite numbers: forward, left, turn"))
+    return numbers
 
 
 def ball_in_robot_frame(step: Step) -> tuple[float, float]:
