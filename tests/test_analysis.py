@@ -216,3 +216,25 @@ def test_paired_difference_covers_the_truth_and_zero_for_equal_runs() -> None:
     assert found["low"] > 0.0 and found["frames"] == 900
     same = paired_difference(run, run)
     assert same["low"] == same["high"] == 0.0
+
+
+def test_every_listed_name_of_the_package_can_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    import mirrorball.analysis
+
+    # This file imports it, others need not.
+    monkeypatch.delattr(mirrorball.analysis, "video")
+    for name in dir(mirrorball.analysis):
+        assert getattr(mirrorball.analysis, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = mirrorball.analysis.nothing
+
+
+def test_log_without_topics_is_said_to_have_none(game: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(game.read_bytes()[:800])
+    log = Log(cut)
+    assert log.topics == []
+    with pytest.raises(KeyError, match=r"cut\.mcap has no topic /cycle; it has none"):
+        cycles(log)
+    with pytest.raises(KeyError, match="it has none"):
+        log.messages("/pose")

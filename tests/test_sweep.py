@@ -171,3 +171,8 @@ def test_sweep_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("sys.argv", ["sweep_speeds.py", str(tmp_path), "1", "0.3"])
     cells = runpy.run_path(str(ROOT / "py/examples/sweep_speeds.py"))
     assert cells["found"]["path.speed"].tolist() == [1.0, 3.0]
+
+
+def test_negative_seed_is_rejected_before_any_run() -> None:
+    with pytest.raises(ValueError, match=r"invalid seeds: -1 \(expected whole numbers, at least 0\)"):
+        grid(SCENARIO, seeds=[1, -1])

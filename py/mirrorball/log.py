@@ -61,6 +61,11 @@ class Log:
     def __reduce__(self) -> tuple[type[Log], tuple[Path]]:
         return Log, (self.path,)
 
+    def _require_any_topic(self, *topics: str) -> None:
+        # Of a log that was cut before its first message.
+        if topics and not self.message_counts:
+            raise KeyError(f"{self.path} has no topic {topics[0]}; it has none")
+
     @property
     def topics(self) -> list[str]:
         """Topics that have messages."""
@@ -76,6 +81,7 @@ class Log:
         Those of one topic come in the order of their stamps, those of different topics chunk by chunk: an image
         precedes its annotations.
         """
+        self._require_any_topic(*topics)
         found = self._reader.messages(topics, start_s=start_s, stop_s=stop_s)
         return (LogMessage(topic, 1e-9 * stamp_ns, message) for topic, stamp_ns, message in found)
 
@@ -93,6 +99,7 @@ class Log:
         `a_count`. Nanosecond stamps (`…_ns`) are int64, −1 where absent. `elements` adds columns of single list
         elements: "estimate.covariance[0]" becomes `estimate_covariance_0`.
         """
+        self._require_any_topic(topic)
         return self._reader.columns(topic, elements=elements, start_s=start_s, stop_s=stop_s)
 
     def rows(
@@ -102,10 +109,12 @@ class Log:
 
         `field` names a list of messages ("team.mates") or a message of parallel lists ("points").
         """
+        self._require_any_topic(topic)
         return self._reader.rows(topic, field, start_s=start_s, stop_s=stop_s)
 
     def log_times_ns(self, topic: str) -> NDArray[np.uint64]:
         """When a topic's messages were logged, nanoseconds, ascending."""
+        self._require_any_topic(topic)
         return self._reader.log_times(topic)
 
     def images(self, *, start_s: float | None = None, stop_s: float | None = None) -> Iterator[tuple[float, NDArray[np.uint8]]]:

@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from dataclasses import replace
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -28,7 +29,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from tqdm import tqdm
 
-from mirrorball.arguments import checked
+from mirrorball.arguments import checked, invalid
 from mirrorball.simulation import Run, bundle_run, simulate
 
 __all__ = ["grid", "sweep"]
@@ -55,13 +56,20 @@ def grid(
     config: Mapping[str, Sequence[Any]] | None = None,
     duration_s: float | None = None,
 ) -> list[Run]:
-    """Every combination of scenarios, presets, changed values and seeds, each run with the files it needs."""
+    """Every combination of scenarios, presets, changed values and seeds, each run with the files it needs.
+
+    ValueError for a seed that is negative or no whole number.
+    """
+    seeds = list(seeds)
+    for seed in seeds:
+        if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
+            raise ValueError(invalid("seeds", seed, "whole numbers, at least 0"))
     scenarios = [scenario] if isinstance(scenario, str | Path) else scenario
     bases = [bundle_run(path, duration_s=duration_s) for path in scenarios]
     changes, configs = _combinations(change or {}), _combinations(config or {})
     return [
         replace(base, preset=preset, change=changed, config=configured, seed=seed)
-        for base, preset, changed, configured, seed in itertools.product(bases, presets, changes, configs, list(seeds))
+        for base, preset, changed, configured, seed in itertools.product(bases, presets, changes, configs, seeds)
     ]
 
 

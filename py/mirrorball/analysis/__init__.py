@@ -7,6 +7,9 @@
 Needs `pip install mirrorball[analysis]` (pandas, pyarrow); videos need `mirrorball[video]`.
 """
 
+import importlib
+from types import ModuleType
+
 from mirrorball.analysis.findings import Finding, findings, findings_table, images_of
 from mirrorball.analysis.metrics import difference, dropouts, paired_difference, summary
 from mirrorball.analysis.reporting import Report, compare, report
@@ -34,6 +37,13 @@ __all__ = [
     "table",
     "write_parquet",
 ]
+
+
+def __getattr__(name: str) -> ModuleType:
+    # Imported when it is first used: it needs OpenCV, which is not installed everywhere.
+    if name == "video":
+        return importlib.import_module("mirrorball.analysis.video")
+    raise AttributeError(f"module 'mirrorball.analysis' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
