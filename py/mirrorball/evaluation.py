@@ -28,6 +28,13 @@ COLOURS = ("#1b6ca8", "#c8553d", "#3b8a4f", "#8a5fa8", "#b98b1d", "#4a4a4a", "#6
 # The papers draw truth black and estimates red.
 TRUTH_COLOUR, ESTIMATE_COLOUR = "black", "#d62728"
 
+# How figures are counted whose names do not say it.
+DEFINITIONS = {
+    "silently wrong, % of frames": (
+        "Silently wrong: tracked, without a stated reason for doubt, and off by 0.5 m and by three stated standard deviations or more."
+    ),
+}
+
 Part = dict[str, Any]
 Columns = dict[str, NDArray[Any]]
 
@@ -50,7 +57,14 @@ def write_page(folder: str | Path) -> Path:
             columns = read(folder / part["rows"])
             sections += [picture(figure) for figure in PLOTS[part["kind"]](columns)]
             sections.append(metrics_table(part["figures"]))
+            sections += definitions(part["figures"])
     return write(folder, title=results["title"], sections=sections)
+
+
+def definitions(figures: list[Part]) -> list[str]:
+    """Paragraphs that say how the figures with such a name are counted."""
+    names = {figure["name"] for figure in figures}
+    return [f"<p>{html.escape(text)}</p>" for name, text in DEFINITIONS.items() if name in names]
 
 
 def read(path: Path) -> Columns:

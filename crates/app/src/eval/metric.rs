@@ -125,8 +125,11 @@ impl Metric {
                 .sum::<f64>()
                 / (count - 1.0);
             let half = student_t_95(values.len() - 1) * (variance / count).sqrt();
+            // What cannot be negative has no negative mean: durations, sizes of errors.
+            let is_signed = values.iter().any(|value| *value < 0.0);
+            let least = if is_signed { f64::NEG_INFINITY } else { 0.0 };
             Interval {
-                low: mean - half,
+                low: (mean - half).max(least),
                 high: mean + half,
                 kind: CONFIDENCE_LABEL,
             }
@@ -329,6 +332,9 @@ mod tests {
         let figure = Metric::mean("", "", "cm", &[1.0, 2.0, 3.0, 4.0, 5.0]);
         let interval = figure.interval.expect("five values");
         assert!((interval.high - 4.9629).abs() < 1e-3 && (interval.low - 1.0371).abs() < 1e-3);
+        let low = |values: &[f64]| Metric::mean("", "", "s", values).interval.map(|it| it.low);
+        assert_eq!(low(&[1.4, 1.9]), Some(0.0));
+        assert!(low(&[-1.4, 1.9]).is_some_and(|low| low < -10.0));
         assert_eq!(Metric::mean("", "", "cm", &[2.0]).interval, None);
         assert_eq!(Metric::mean("", "", "cm", &[]).value, None);
     }

@@ -77,6 +77,12 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         ))
         .into());
     }
+    // Before parts that take minutes.
+    for part in experiment.parts.iter().filter(selected) {
+        if let PartRun::Times(times) = &part.run {
+            times::ensure_images(times).with_context(|| format!("part {:?}", part.name))?;
+        }
+    }
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot write {}", args.out.display()))?;
     let seeds_end = args

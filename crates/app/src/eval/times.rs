@@ -148,9 +148,20 @@ fn measure_stage(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Res
     })
 }
 
+/// Recording of the images from which line points are timed.
+const IMAGES: &str = "samples/sequence";
+
+/// Fails if stages need images that are not there.
+pub(super) fn ensure_images(times: &Times) -> Result<()> {
+    if times.stages.contains(&Stage::LinePoints) {
+        paths::find_resource(IMAGES)?;
+    }
+    Ok(())
+}
+
 /// Cycles through the images of the sample recording.
 fn measure_line_points(cycles: usize) -> Result<Vec<f64>> {
-    let folder = paths::find_resource("samples/sequence")?;
+    let folder = paths::find_resource(IMAGES)?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let (camera, map) = setup.camera.as_ref().context("the sample has no camera")?;
     let config = PipelineConfig::preset("minho2016")?.vision;
