@@ -27,10 +27,15 @@ impl View {
             }
             ui.separator();
             ui.label(&self.session.title);
+            let source_problem = self.session.source_problem();
             if let Some(now) = &self.session.shown {
                 let mode = now.cycle.estimate.mode;
                 let text = pipeline::log::mode_and_reason(&now.cycle.estimate);
-                ui.colored_label(palette::mode_colour(mode), text);
+                match &source_problem {
+                    // What an old cycle says is not how the robot is.
+                    Some(_) => ui.weak(text),
+                    None => ui.colored_label(palette::mode_colour(mode), text),
+                };
             }
             ui.weak(format!(
                 "{:.0} frames/s",
@@ -39,7 +44,8 @@ impl View {
             if let Some(message) = &self.status_message {
                 ui.weak(message);
             }
-            for error in self.problem.iter().chain(&self.session.last_error) {
+            let problems = self.problem.iter().chain(&self.session.last_error);
+            for error in problems.chain(&source_problem) {
                 ui.colored_label(palette::VERMILION, error);
             }
         });

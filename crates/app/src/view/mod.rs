@@ -76,7 +76,7 @@ pub(crate) struct Args {
     /// Another log, or another robot's live stream, on the same timeline. Can be repeated.
     #[arg(long = "with", value_name = "LOG")]
     beside: Vec<PathBuf>,
-    /// Time to show first, seconds.
+    /// Time to show first, seconds: a stamp of the log. Those of a robot's log count from the start of its computer.
     #[arg(long, value_name = "SECONDS")]
     at: Option<f64>,
     /// Begin to play at once.
@@ -135,6 +135,12 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         session.open_beside(path)?;
     }
     if let Some(at) = args.at {
+        if let Some((start, end)) = session.source.span() {
+            ensure!(
+                (start..=end).contains(&at),
+                "--at {at}: no such moment (expected {start:.3} to {end:.3} s, the times of the log)"
+            );
+        }
         session.seek(at);
     }
     if args.play && !session.playback.playing {

@@ -240,7 +240,9 @@ impl eframe::App for ViewerApp {
             longest_frame_ms: 1e3 * self.view.frame_rate.longest(),
             cycles: devices.cycles,
             dropped_cycles: devices.dropped,
-            error: (self.view.problem.clone()).or_else(|| self.view.session.last_error.clone()),
+            error: (self.view.problem.clone())
+                .or_else(|| self.view.session.last_error.clone())
+                .or_else(|| self.view.session.source_problem()),
         };
         *self.outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
     }

@@ -36,7 +36,7 @@ impl TimelinePanel {
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.buttons(ui, session);
         self.bar.show(ui, session);
-        if let Some(error) = &session.last_error {
+        for error in session.last_error.iter().chain(&session.source_problem()) {
             ui.colored_label(palette::VERMILION, error);
         }
         show_recompute_summary(ui, session);

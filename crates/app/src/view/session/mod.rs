@@ -164,6 +164,14 @@ impl Default for Session {
 }
 
 impl Session {
+    /// Why a live source delivers nothing new. None if it does.
+    pub(crate) fn source_problem(&self) -> Option<String> {
+        match &self.source {
+            Source::Live(live) => live.problem(),
+            Source::Empty | Source::Log(_) => None,
+        }
+    }
+
     /// Path of the log, if the source is one.
     pub(crate) fn log_path(&self) -> Option<PathBuf> {
         match &self.source {

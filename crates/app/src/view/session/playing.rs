@@ -52,9 +52,6 @@ impl Session {
         if let Source::Live(live) = &mut self.source {
             let (received, mut dropped) = live.poll();
             self.devices.dropped += dropped;
-            if live.status.is_some() {
-                self.last_error.clone_from(&live.status);
-            }
             for shown in &received {
                 self.devices.update(&shown.cycle);
                 if let Some(settings) = &shown.cycle.inputs.changed_config_toml {

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use super::decoded_cycle::DecodedCycle;
 use super::inbox::CycleInbox;
@@ -14,6 +15,8 @@ use pipeline::Cycle;
 const HISTORY_CAPACITY: usize = 1800;
 /// The newest of these keep their images: about 140 MB at 480 × 480 pixels.
 const HISTORY_IMAGES: usize = 200;
+/// Time without a cycle after which what is shown is called old: a robot publishes ten a second at least.
+const SILENCE_MAX: Duration = Duration::from_secs(1);
 
 /// A live source and its history.
 pub(crate) struct LiveSource {
@@ -23,7 +26,9 @@ pub(crate) struct LiveSource {
     /// Index of the shown cycle in the history.
     position: usize,
     /// The source's problem; None if it works.
-    pub(crate) status: Option<String>,
+    status: Option<String>,
+    /// When the last cycle came.
+    last_received: Option<Instant>,
     /// Changes the settings of a remote robot.
     pub(crate) remote_settings: Option<RemoteSettings>,
     _guard: Option<(StopGuard, Option<tempfile::TempDir>)>,
@@ -38,6 +43,7 @@ impl LiveSource {
             history: VecDeque::new(),
             position: 0,
             status: None,
+            last_received: None,
             remote_settings: None,
             _guard: None,
         }
@@ -66,6 +72,9 @@ impl LiveSource {
         let (received, dropped, status) = self.inbox.drain();
         self.status = status;
         let received: Vec<DecodedCycle> = received.into();
+        if !received.is_empty() {
+            self.last_received = Some(Instant::now());
+        }
         for shown in &received {
             // A clock that jumps back belongs to another run.
             if (self.history.back()).is_some_and(|last| last.cycle.stamp >= shown.cycle.stamp) {
@@ -86,6 +95,20 @@ impl LiveSource {
             Arc::make_mut(&mut shown.cycle).inputs.image = None;
         }
         (received, dropped)
+    }
+
+    /// Why the newest cycle is old: the source's problem, or its silence. The view's own simulation may pause.
+    pub(crate) fn problem(&self) -> Option<String> {
+        if self.status.is_some() || self.worker.is_some() {
+            return self.status.clone();
+        }
+        let silence = self.last_received?.elapsed();
+        (silence > SILENCE_MAX).then(|| {
+            format!(
+                "nothing received for {} s: what is shown is old",
+                silence.as_secs()
+            )
+        })
     }
 
     /// The newest cycle.
@@ -125,5 +148,37 @@ impl LiveSource {
         let shown = self.history.get(position).cloned()?;
         self.position = position;
         Some(shown)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn silence_and_problems_are_told_until_the_next_cycle() {
+        let inbox = CycleInbox::default();
+        let mut live = LiveSource::new(inbox.clone(), None);
+        let deliver = |seconds: f64| {
+            let mut cycle = pipeline::testing::random_cycle(0);
+            cycle.stamp = localize::Stamp::from_seconds(seconds);
+            inbox.push(DecodedCycle::new(Arc::new(cycle), Vec::new()));
+        };
+        // It may still begin.
+        assert_eq!(live.problem(), None);
+        deliver(1.0);
+        live.poll();
+        assert_eq!(live.problem(), None);
+        live.last_received = Instant::now().checked_sub(Duration::from_secs(11));
+        live.poll();
+        let problem = live.problem().expect("silent");
+        assert!(problem.contains("for 11 s"), "{problem}");
+        inbox.set_status(Some("reset; reconnecting".to_owned()));
+        live.poll();
+        assert_eq!(live.problem().as_deref(), Some("reset; reconnecting"));
+        inbox.set_status(None);
+        deliver(2.0);
+        live.poll();
+        assert_eq!(live.problem(), None);
     }
 }
