@@ -2,8 +2,9 @@
 
 use std::f32::consts::TAU;
 
+use localize::frames::wrap_angle;
 use localize::math;
-use localize::setup_check::Explanation;
+use localize::setup_check::{Explanation, Keyframe};
 
 use super::assess::{Improvement, Trial};
 use super::change::Change;
@@ -15,6 +16,10 @@ use crate::setup::Setup;
 const IRON_MAX_DEG: f32 = 15.0;
 /// Steps of another angle, degrees: the bias of a compass is of this size.
 const STEP_DEG: f32 = 5.0;
+/// Fewest readings of which a mean deviation is told.
+const READINGS_MIN: usize = 8;
+/// A deviation is constant if its mean exceeds so many standard deviations of a reading.
+const CONSTANT_SPREADS: f32 = 2.0;
 
 impl Trial<'_> {
     /// Turns, and turns of a compass that counts clockwise.
@@ -62,8 +67,29 @@ fn residual_deg(setup: &Setup, found: &Improvement, measured: &[MeasuredKeyframe
     let pairs = keyframes.iter().zip(&found.explanation.keyframes);
     let agreeing = pairs.filter(|(_, fit)| fit.compass_agrees == Some(true));
     let angles = agreeing.filter_map(|(keyframe, fit)| Some(fit.pose?.theta - keyframe.compass?));
+    mean_angle(angles).to_degrees()
+}
+
+/// Constant angle from readings that agree with the poses to the poses' headings, degrees: half of a quarter turn and more still agrees,
+/// since poses with a compass that steel turns have to. None below what iron explains, or if it varies as beside steel.
+pub(super) fn constant_deviation_deg(
+    configured: &Explanation,
+    keyframes: &[Keyframe],
+) -> Option<f32> {
+    let pairs = keyframes.iter().zip(&configured.keyframes);
+    let angles: Vec<f32> = pairs
+        .filter_map(|(keyframe, fit)| Some(fit.pose?.theta - keyframe.compass?))
+        .collect();
+    let mean = mean_angle(angles.iter().copied());
+    let squares = angles.iter().map(|angle| wrap_angle(angle - mean).powi(2));
+    let spread = (squares.sum::<f32>() / angles.len().max(1) as f32).sqrt();
+    let is_constant = angles.len() >= READINGS_MIN && mean.abs() > CONSTANT_SPREADS * spread;
+    (is_constant && mean.abs().to_degrees() > IRON_MAX_DEG).then(|| mean.to_degrees())
+}
+
+fn mean_angle(angles: impl Iterator<Item = f32>) -> f32 {
     let (sin, cos) = angles.fold((0.0, 0.0), |(sin, cos), angle| {
         (sin + math::sin(angle), cos + math::cos(angle))
     });
-    math::atan2(sin, cos).to_degrees()
+    math::atan2(sin, cos)
 }

@@ -58,6 +58,7 @@ use crate::setup::Setup;
 use assess::{Assessment, Improvement, Trial, assess, compass_agreement_in_degrees};
 use change::Change;
 use compass_faults::CompassFault;
+use compass_turn::constant_deviation_deg;
 use dead_sensors::FIT_FINE;
 use image_age::ImageAge;
 use latency::OtherLatency;
@@ -350,6 +351,14 @@ fn check_points(
     } else if let Some(late) = in_time.and_then(|wheels| late_turns::of_compass(measured, &wheels))
     {
         report.doubt_stamps(Table::Compass, "headings", late);
+    } else if assessment.improvements.is_empty()
+        && let keyframes = SetupVariant::configured(setup).apply(setup, measured)
+        && let Some(degrees) = constant_deviation_deg(&assessment.configured, &keyframes)
+    {
+        report.doubt(format!(
+            "{}: the headings of the poses are {degrees:.0}° from its own on average, more than iron explains. Add that to its heading",
+            setup.sensors.place(Table::Compass)
+        ));
     }
     let late = in_time.and_then(|wheels| late_turns::of_inertial_unit(measured, &wheels));
     report.doubt_inertial_unit(measured, &assessment, late);
