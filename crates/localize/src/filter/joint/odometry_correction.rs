@@ -34,10 +34,10 @@ pub struct OdometryPrior {
     covariance: [[f32; 9]; 9],
 }
 
-/// What a known base leaves to errors of its mount (forward direction, centre, distance of the wheels), and what to
-/// anything else, as shares of the coupling's standard deviation.
+/// What a known base leaves to errors of its mount (forward direction, centre, distance of the wheels), and what to anything else (rollers
+/// that slip more along one axis, the pile of the carpet), as shares of the coupling's standard deviation.
 const MOUNT_SHARE: f32 = 0.5;
-const REST_SHARE: f32 = 0.05;
+const REST_SHARE: f32 = 0.5;
 
 impl OdometryPrior {
     /// For a base of unknown geometry: every entry errs by itself, but for the scales along x and y, which are alike up to
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn prior_of_known_wheels_expects_their_radii_and_little_else() {
+    fn prior_of_known_wheels_expects_their_radii_before_anything_else() {
         let config = FilterConfig::default();
         let angles_deg = [60.0_f32, 180.0, 300.0];
         let wheels = OmniKinematics::new(&angles_deg.map(f32::to_radians), 0.05, 0.2);
@@ -181,14 +181,14 @@ mod tests {
             "{}",
             surprise(&known, &radii)
         );
-        // Stretched along x and shortened along y: no radii cause that.
+        // Stretched along x and shortened along y: no radii cause that, but rollers may.
         let mut other = Matrix3::identity();
         (other[(0, 0)], other[(1, 1)]) = (1.02, 0.98);
         assert!(surprise(&any, &other) < 9.0);
+        let [expected, possible] = [&radii, &other].map(|each| surprise(&known, each));
         assert!(
-            surprise(&known, &other) > 16.0,
-            "{}",
-            surprise(&known, &other)
+            possible > 2.0 * expected && possible < 9.0,
+            "{expected} {possible}"
         );
     }
 
