@@ -31,7 +31,7 @@ TRUTH_COLOUR, ESTIMATE_COLOUR = "black", "#d62728"
 # How figures are counted whose names do not say it.
 DEFINITIONS = {
     "silently wrong, % of frames": (
-        "Silently wrong: tracked, without a stated reason for doubt, and off by 0.5 m and by three stated standard deviations or more."
+        "Silently wrong: tracked, no stated reason for doubt, and off by 0.5 m and three stated standard deviations or more."
     ),
 }
 

@@ -12,6 +12,7 @@ use pyo3::exceptions::{
 };
 use pyo3::ffi;
 use pyo3::prelude::*;
+use pyo3::types::IntoPyDict;
 
 /// The Python that the executable was built with.
 const BUILD_PYTHON: &str = env!("MIRRORBALL_BUILD_PYTHON");
@@ -60,6 +61,16 @@ fn prepare(py: Python<'_>) -> PyResult<()> {
     for number in &signals {
         signal.call_method1("signal", (number, &handler))?;
     }
+    // A pool ends its forked processes so.
+    let reset = (
+        signal.getattr("signal")?,
+        &signals[1],
+        signal.getattr("SIG_DFL")?,
+    );
+    let reset = py.import("functools")?.call_method1("partial", reset)?;
+    let hooks = [("after_in_child", reset)].into_py_dict(py)?;
+    py.import("os")?
+        .call_method("register_at_fork", (), Some(&hooks))?;
     mirrorball_py::embedded::install(py)?;
     let loaded = mirrorball_py::embedded::load_numpy(py);
     mask("SIG_UNBLOCK")?;

@@ -19,12 +19,12 @@ pub enum TomlFileError {
         source: std::io::Error,
     },
     /// The content is not such a value.
-    #[error("{}: {}", path.display(), in_plain_words(source))]
+    #[error("{}: {reason}", path.display())]
     Parse {
         /// The file.
         path: PathBuf,
-        /// Line and reason.
-        source: Box<toml::de::Error>,
+        /// With the line.
+        reason: String,
     },
     /// The file says nothing, and something is needed.
     #[error("{}: an empty file: {reason}", path.display())]
@@ -51,7 +51,7 @@ impl TomlFileError {
     pub fn parse(path: &Path, source: toml::de::Error) -> Self {
         TomlFileError::Parse {
             path: path.to_owned(),
-            source: Box::new(source),
+            reason: in_plain_words(&source),
         }
     }
 

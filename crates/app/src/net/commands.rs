@@ -40,9 +40,6 @@ pub struct CommandConfig {
     pub state_age_max_ms: f32,
 }
 
-/// Longest validity of any command, milliseconds: the base refuses longer ones.
-const VALIDITY_MAX_MS: f32 = (hw::config::COMMAND_VALIDITY_MAX * 1e3) as f32;
-
 /// By what senders address this start of this robot; the state output publishes both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RobotIdentity {
@@ -57,7 +54,7 @@ impl Default for CommandConfig {
         CommandConfig {
             bind: "127.0.0.1:7071".to_owned(),
             key: None,
-            valid_max_ms: VALIDITY_MAX_MS,
+            valid_max_ms: (hw::config::COMMAND_VALIDITY_MAX * 1e3) as f32,
             speed_max: 15.0,
             kick_max: 15.0,
             silence: 1.0,
@@ -229,9 +226,10 @@ const MAX_DATAGRAM_BYTES: usize = 2048;
 impl CommandConfig {
     /// Refuses what a base could not do.
     pub(super) fn check_validity(&self) -> Result<()> {
+        let most = CommandConfig::default().valid_max_ms;
         ensure!(
-            self.valid_max_ms <= VALIDITY_MAX_MS,
-            "[commands] invalid valid_max_ms: {} (expected at most {VALIDITY_MAX_MS}: no command of a base is valid longer)",
+            self.valid_max_ms <= most,
+            "[commands] invalid valid_max_ms: {} (expected at most {most}: no command of a base is valid longer)",
             self.valid_max_ms
         );
         Ok(())

@@ -27,6 +27,7 @@ use super::status::{CycleTimes, OperatorNotices, RunOutcome, RunReport, RunStatu
 use super::stop_flag::StopFlag;
 use super::teleop;
 use super::tuning::Tuning;
+use super::unused_images::NO_IMAGE;
 use super::wake_probe::WakeProbe;
 use crate::memory::{self, RUN_RETAINED_BYTES};
 #[cfg(feature = "ros2")]
@@ -643,7 +644,7 @@ impl RunState {
         Some(CameraImage {
             stamp: now,
             setting: None,
-            content: ImageContent::Unreadable("no image from the camera".to_owned()),
+            content: ImageContent::Unreadable(NO_IMAGE.to_owned()),
         })
     }
 }

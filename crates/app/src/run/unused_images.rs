@@ -6,6 +6,9 @@ use pipeline::Cycle;
 /// Time without a usable image until that is said, seconds.
 const REPORTED_AFTER: f64 = 1.0;
 
+/// The fault of a cycle for which the camera delivered nothing.
+pub(super) const NO_IMAGE: &str = "no image from the camera";
+
 /// Counts images that could not be used.
 #[derive(Debug, Default)]
 pub(super) struct UnusedImages {
@@ -34,7 +37,7 @@ impl UnusedImages {
             }
             return was_reported.then_some(Change::UsedAgain);
         };
-        self.count += 1;
+        self.count += u64::from(fault != NO_IMAGE);
         let since = *self.since.get_or_insert(cycle.stamp);
         if self.is_reported || cycle.stamp - since < REPORTED_AFTER {
             return None;
@@ -69,6 +72,16 @@ mod tests {
         let said = Change::NotUsed("480 x 480 pixels".to_owned());
         assert_eq!(changes, [(40, said), (60, Change::UsedAgain)]);
         assert_eq!(images.count, 50);
+    }
+
+    #[test]
+    fn images_that_never_came_are_said_and_not_counted() {
+        let mut images = UnusedImages::default();
+        let changes: Vec<Change> = (0..60)
+            .filter_map(|k| images.count_cycle(&cycle(f64::from(k) / 30.0, Some(NO_IMAGE))))
+            .collect();
+        assert_eq!(changes, [Change::NotUsed(NO_IMAGE.to_owned())]);
+        assert_eq!(images.count, 0);
     }
 
     #[test]

@@ -185,6 +185,8 @@ struct LastOdometry {
 const CLUTTER_SHARE: f32 = 0.1;
 /// Most samples buffered for a late image: one second of wheels, inertial unit and commands at 1 kHz each.
 const BUFFERED_MAX: usize = 3000;
+/// Line points of an image: a camera shows a tenth of them, and searches take longer than in proportion to their number.
+const POINTS_MAX: usize = 4096;
 /// Most readings of the compass kept: a second and a half at 200 Hz.
 const COMPASS_READINGS_MAX: usize = 300;
 
@@ -338,12 +340,14 @@ impl Localizer {
         self.keep_snapshot();
     }
 
-    /// Estimates the pose from an image's line points. Points that are not finite are dropped.
+    /// Estimates the pose from an image's line points. Points that are not finite are dropped. Of more than 4096 points those
+    /// count that remain at equal steps.
     ///
     /// The image is applied at its exposure, `stamp` minus the camera latency (docs/methods.md 8.10).
     pub fn process_points(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
+        let step = points.len().div_ceil(POINTS_MAX).max(1);
+        let points = points.iter().step_by(step);
         let mut points: Vec<LinePoint> = points
-            .iter()
             .filter(|point| is_plausible(point))
             .copied()
             .collect();

@@ -36,6 +36,8 @@ struct Quantity {
     text: fn(value: f64, usual: f64) -> String,
     /// Are low values unusual, or high ones?
     below: bool,
+    /// A smaller difference from the usual value causes nothing.
+    least: f64,
 }
 
 const QUANTITIES: [Quantity; 7] = [
@@ -43,6 +45,7 @@ const QUANTITIES: [Quantity; 7] = [
         value: |record| Some(record.line_points),
         text: |value, usual| format!("few line points ({value:.0}, usually {usual:.0})"),
         below: true,
+        least: 20.0,
     },
     Quantity {
         value: |record| Some(record.inlier_share),
@@ -51,31 +54,40 @@ const QUANTITIES: [Quantity; 7] = [
             format!("points off the markings ({value:.0}% on them, usually {usual:.0}%)")
         },
         below: true,
+        least: 0.1,
     },
     Quantity {
         value: |record| Some(record.residual),
-        text: |_, _| "poor fit".to_owned(),
+        text: |value, usual| {
+            let (value, usual) = (1e3 * value, 1e3 * usual);
+            format!("poor fit ({value:.0} mm, usually {usual:.0})")
+        },
         below: false,
+        least: 0.01,
     },
     Quantity {
         value: |record| record.carpet_share,
         text: |_, _| "view is blocked".to_owned(),
         below: true,
+        least: 0.1,
     },
     Quantity {
         value: |record| record.robots_seen,
         text: |value, _| format!("many robots close by ({value:.0})"),
         below: false,
+        least: 0.5,
     },
     Quantity {
         value: |record| record.brightness,
-        text: |_, _| "bright light".to_owned(),
+        text: |value, usual| format!("bright light ({value:.0} of 255, usually {usual:.0})"),
         below: false,
+        least: 25.0,
     },
     Quantity {
         value: |record| record.brightness,
-        text: |_, _| "darkness".to_owned(),
+        text: |value, usual| format!("darkness ({value:.0} of 255, usually {usual:.0})"),
         below: true,
+        least: 25.0,
     },
 ];
 
@@ -134,7 +146,7 @@ impl<'a> Causes<'a> {
             };
             let apart = value - usual.median;
             let score = if quantity.below { -apart } else { apart } / usual.spread;
-            if score.is_finite() && score > UNUSUAL {
+            if score.is_finite() && score > UNUSUAL && apart.abs() >= quantity.least {
                 found.push((score, (quantity.text)(value, usual.median)));
             }
         }
