@@ -14,9 +14,13 @@ const RADIUS_RANGE: [f32; 2] = [0.14, 0.9];
 const MEMORY: f32 = 240.0;
 /// Images of a moving robot before the memory is trusted.
 const IMAGES_MIN: u32 = 60;
-/// Mean direction of the robot's axis in the remembered images, at most: 0 if it pointed everywhere, 1 if it never turned. Far walls stay in
-/// place in the images of a robot that drives without turning. It turned by 110° and more below this limit.
+/// Mean direction of the robot's axis in the remembered images, at most: 0 if it pointed everywhere, 1 if it never turned. It turned by 110° and
+/// more below this limit.
 const MEAN_DIRECTION_MAX: f32 = 0.5;
+/// A part of a robot that did not turn so far is a rod: narrower than so many angles (22°), and in so many neighbouring radii. Walls and the
+/// carpet's end stay in place as well.
+const ROD_WIDTH_MAX: usize = ANGLES / 16;
+const ROD_RADII_MIN: usize = 4;
 /// Standard deviation of a sample that does not move, at most, brightness levels.
 const STATIC_STD: f32 = 12.0;
 /// Standard deviation of the median sample while the robot moves, at least.
@@ -187,10 +191,6 @@ impl MountingCheck {
         if variances.is_empty() {
             return Verdict::Undecided;
         }
-        let [cos, sin] = self.mean_direction;
-        if math::hypot(cos, sin) > MEAN_DIRECTION_MAX {
-            return Verdict::Undecided;
-        }
         // Of a robot at rest everything stays in place.
         if median(&mut variances) < MOVING_STD * MOVING_STD {
             return Verdict::Undecided;
@@ -301,8 +301,46 @@ impl MountingCheck {
                     && (self.mean[index] - median).abs() > LANDMARK_CONTRAST
             }));
         }
-        landmarks
+        let [cos, sin] = self.mean_direction;
+        let has_turned = math::hypot(cos, sin) <= MEAN_DIRECTION_MAX;
+        if has_turned {
+            landmarks
+        } else {
+            rods(&landmarks)
+        }
     }
+}
+
+/// Those of the landmarks that are narrow and continue over several radii, as rods do. A side of the hall, or of the carpet's end, is wide or
+/// has one radius.
+fn rods(landmarks: &[usize]) -> Vec<usize> {
+    let mut is_narrow = vec![false; ANGLES * RADII];
+    for &index in landmarks {
+        is_narrow[index] = true;
+    }
+    for ring in is_narrow.chunks_exact_mut(ANGLES) {
+        let wide: Vec<usize> = (0..ANGLES)
+            .filter(|&start| (0..ROD_WIDTH_MAX).all(|beside| ring[(start + beside) % ANGLES]))
+            .collect();
+        for start in wide {
+            for beside in 0..ROD_WIDTH_MAX {
+                ring[(start + beside) % ANGLES] = false;
+            }
+        }
+    }
+    let is_shown = |ring: usize, angle: usize| {
+        [ANGLES - 1, 0, 1]
+            .iter()
+            .any(|beside| is_narrow[ring * ANGLES + (angle + beside) % ANGLES])
+    };
+    let is_long = |index: usize| {
+        let (ring, angle) = (index / ANGLES, index % ANGLES);
+        let inward = (0..ring).rev().take_while(|&ring| is_shown(ring, angle));
+        let outward = (ring + 1..RADII).take_while(|&ring| is_shown(ring, angle));
+        1 + inward.count() + outward.count() >= ROD_RADII_MIN
+    };
+    let narrow = landmarks.iter().filter(|&&index| is_narrow[index]);
+    narrow.copied().filter(|&index| is_long(index)).collect()
 }
 
 /// The sample nearest to a radius (share of the mirror's) and an angle; None outside the samples.
@@ -368,7 +406,7 @@ mod tests {
                 (index % SIDE) as i32 - axis[0],
                 (index / SIDE) as i32 - axis[1],
             );
-            let is_rod = v.abs() <= 3 || u.abs() <= 3 && (v < 0 || rods == 4);
+            let is_rod = rods > 0 && (v.abs() <= 3 || u.abs() <= 3 && (v < 0 || rods == 4));
             let floor = 110 + 60 * ((u / 12 + v / 12 + view as i32 * 5).rem_euclid(3)) as u8;
             pixel.fill(if is_rod { 20 } else { floor.min(240) });
         }
@@ -397,8 +435,13 @@ mod tests {
         check.turn_deg()
     }
 
-    /// The check after enough images of a robot that moves, and turns by an angle.
-    fn warm_check(rods: usize, turned: f32) -> MountingCheck {
+    /// The check after enough images of a robot that moves and turns.
+    fn warm_check(rods: usize) -> MountingCheck {
+        warm_check_of(|number| picture(number, rods), 3.0)
+    }
+
+    /// The same for any pictures and turns, radians.
+    fn warm_check_of(picture: impl Fn(usize) -> Vec<u8>, turned: f32) -> MountingCheck {
         let map = GroundMap {
             width_px: SIDE,
             height_px: SIDE,
@@ -419,7 +462,7 @@ mod tests {
         let count = IMAGES_MIN as usize + 20;
         for number in 0..count {
             let heading = Some(turned * number as f32 / count as f32);
-            let named = view_at(&picture(number, rods), &mut check, heading);
+            let named = view_at(&picture(number), &mut check, heading);
             assert_eq!(named, None, "{number}");
         }
         check
@@ -428,7 +471,7 @@ mod tests {
     #[test]
     fn a_camera_that_turns_about_its_own_axis_is_noticed_though_rods_look_alike() {
         for rods in [3, 4] {
-            let mut check = warm_check(rods, 3.0);
+            let mut check = warm_check(rods);
             let numbers = 100..100 + CONFIRMATIONS as usize;
             let named: Vec<Option<u32>> = numbers
                 .map(|number| view(&turned(&picture(number, rods)), &mut check))
@@ -437,17 +480,36 @@ mod tests {
         }
     }
 
-    #[test]
-    fn what_stayed_in_place_while_the_robot_did_not_turn_may_be_the_hall() {
-        let mut check = warm_check(3, 1.0);
-        for number in 100..100 + 4 * CONFIRMATIONS as usize {
-            assert_eq!(view(&turned(&picture(number, 3)), &mut check), None);
+    /// A hall with a dark side, far from a robot with a round body that drives without turning.
+    fn hall(view: usize) -> Vec<u8> {
+        let mut pixels = picture(view, 0);
+        for (index, pixel) in pixels.chunks_exact_mut(3).enumerate() {
+            let (u, v) = ((index % SIDE) as f32 - 63.0, (index / SIDE) as f32 - 56.0);
+            if math::hypot(u, v) > 30.0 {
+                pixel.fill(if u > v.abs() { 40 } else { 150 });
+            }
         }
+        pixels
+    }
+
+    #[test]
+    fn hall_of_a_robot_that_does_not_turn_is_no_part_of_it() {
+        let check = warm_check_of(hall, 0.5);
+        // The robot is carried, and turned.
+        let named = |mut check: MountingCheck| {
+            let numbers = 100..100 + 4 * CONFIRMATIONS as usize;
+            numbers
+                .filter_map(|number| view(&turned(&hall(number)), &mut check))
+                .count()
+        };
+        assert_eq!(named(check), 0);
+        // A hall that turned with the robot would be one.
+        assert!(named(warm_check_of(hall, 3.0)) > 0);
     }
 
     #[test]
     fn too_bright_images_of_which_most_is_covered_show_no_turn() {
-        let mut check = warm_check(3, 3.0);
+        let mut check = warm_check(3);
         for number in 0..30 {
             let mut pixels: Vec<u8> = picture(number, 3)
                 .iter()
@@ -467,7 +529,7 @@ mod tests {
     fn images_that_decide_nothing_end_no_suspicion_and_one_in_place_does() {
         let grey = vec![70; 3 * SIDE * SIDE];
         let turned_picture = |number: usize| turned(&picture(number, 3));
-        let mut check = warm_check(3, 3.0);
+        let mut check = warm_check(3);
         let mut named = None;
         for number in 0..CONFIRMATIONS as usize {
             view(&grey, &mut check);
@@ -476,7 +538,7 @@ mod tests {
         assert_eq!(named, Some(90));
         assert_eq!(view(&picture(0, 3), &mut check), None);
 
-        let mut check = warm_check(3, 3.0);
+        let mut check = warm_check(3);
         for number in 0..4 * CONFIRMATIONS as usize {
             view(&picture(number, 3), &mut check);
             assert_eq!(view(&turned_picture(number), &mut check), None);
