@@ -96,7 +96,8 @@ class Localizer(_Sensors):
         """Line points of one image in the robot frame, metres; gives the pose.
 
         `points`: n × 2 (x forward, y left), with the standard deviation `std_m`; or n × 4, with a standard deviation along
-        and across the direction from the robot. Raises ValueError for another shape or numbers that are not finite.
+        and across the direction from the robot. Of more than 4096 rows those at equal steps count. Raises ValueError for
+        another shape or numbers that are not finite.
         """
         return Estimate.from_core(self._pipeline.points(stamp_s, points, std_m))
 

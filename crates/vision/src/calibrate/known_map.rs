@@ -18,9 +18,10 @@ use crate::calibrate::two_robots::ensure_one_robot;
 use crate::config::VisionConfig;
 use crate::optics::ground_map::GroundMap;
 
-/// Share of the work that is done after the fit, and after its comparison by halves.
+/// Share of the work that is done after the fit, after its comparison by halves, and after that of fields; that of sizes is the last.
 const FIT_WORK: f32 = 0.25;
 const HALVES_WORK: f32 = 0.4;
+const FIELDS_WORK: f32 = 0.8;
 
 /// Calibrates the map from images anywhere on the field.
 ///
@@ -55,7 +56,7 @@ pub fn calibrate_lines(
             other_fields,
             images,
             vision_config,
-            &|done| progress(HALVES_WORK + (1.0 - HALVES_WORK) * done),
+            &|done| progress(HALVES_WORK + (FIELDS_WORK - HALVES_WORK) * done),
         )?;
         ensure_halves_agree(found.disagreement).map_err(|refused| match refused {
             CalibrationError::Undecided(text) => CalibrationError::Undecided(format!(
@@ -64,6 +65,7 @@ pub fn calibrate_lines(
             other => other,
         })?;
         found.better_size = find_better_size(&found, camera, field, images, vision_config);
+        progress(1.0);
         ensure_most_images_count(found.used_count(), images.len(), found.disagreement)?;
         Ok(found)
     };

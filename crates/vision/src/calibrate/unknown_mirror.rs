@@ -125,7 +125,7 @@ pub fn calibrate_unknown_mirror(
         other_fields,
         images,
         vision_config,
-        &|done| progress(0.65 + 0.35 * done),
+        &|done| progress(0.65 + 0.2 * done),
     )?;
     found.calibration.better_size = find_better_size(
         &found.calibration,
