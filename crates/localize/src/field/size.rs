@@ -10,7 +10,7 @@ const DRAWN_MAX: usize = 16;
 /// A size with the markings that it moves.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FieldSize {
-    /// A key of the file: index into [`KEYS`].
+    /// A key of the file, by its place among them.
     Key(usize),
     /// Distance between drawn markings at both sides of an axis: all ends and centres with one x or y, sign aside.
     Drawn {
