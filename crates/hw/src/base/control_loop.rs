@@ -160,10 +160,16 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// Does the board send no encoder counts? What its wheels do then is unknown.
+    /// Does the board send no encoder counts, or no controller on the bus anything, in this connection? What the wheels do then is
+    /// unknown. A connection that was opened anew because of silence knows as little as the one before.
     fn is_blind(&self, now: Stamp, start: Stamp) -> bool {
-        let silent = self.odometer.silent_wheel(now, start, self.device.stall);
-        self.device.nodes.is_empty() && silent.is_some()
+        let stall = self.device.stall;
+        let mut reporting = self.odometer.reporting_wheels(now, start, stall);
+        if self.device.nodes.is_empty() {
+            !reporting.all(|reports| reports)
+        } else {
+            !reporting.any(|reports| reports)
+        }
     }
 
     /// Speeds of the motors; no wheel's rim is faster than the robot's top speed.

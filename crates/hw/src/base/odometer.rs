@@ -93,6 +93,18 @@ impl Odometer {
         })
     }
 
+    /// For each wheel: true if it has reported since `start`, and in the last `timeout` seconds.
+    pub(crate) fn reporting_wheels(
+        &self,
+        now: Stamp,
+        start: Stamp,
+        timeout: f32,
+    ) -> impl Iterator<Item = bool> {
+        self.latest_counts.iter().map(move |latest| {
+            latest.is_some_and(|(_, stamp)| stamp >= start && now - stamp <= f64::from(timeout))
+        })
+    }
+
     /// True if every wheel has reported since `start`.
     pub(crate) fn all_updated_since(&self, start: Stamp) -> bool {
         self.latest_counts
