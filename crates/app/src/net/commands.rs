@@ -29,7 +29,7 @@ pub struct CommandConfig {
     pub key: Option<String>,
     /// Maximum validity of a command, milliseconds; longer ones are shortened.
     pub valid_max_ms: f32,
-    /// Maximum speed, m/s and rad/s; faster commands are rejected.
+    /// Maximum speed, over the ground in m/s and about the vertical in rad/s; faster commands are rejected.
     pub speed_max: f32,
     /// Maximum speed of a kick, m/s.
     pub kick_max: f32,
@@ -128,7 +128,7 @@ impl CommandFilter {
         let config = &self.config;
         let within = |value: f32, limit: f32| value.abs() <= limit;
         let is_valid = command.drive.is_none_or(|drive| {
-            [drive.x, drive.y, drive.theta]
+            [drive.x.hypot(drive.y), drive.theta]
                 .iter()
                 .all(|value| within(*value, config.speed_max))
         }) && command

@@ -30,7 +30,7 @@ pub(crate) struct Ros2Config {
     pub accept_parameters: bool,
     /// Validity of a velocity command, milliseconds, 1 to 100; then the wheels stop.
     pub valid_max_ms: f32,
-    /// Maximum speed, m/s and rad/s, 0 to 1e6; faster commands are rejected.
+    /// Maximum speed, over the ground in m/s and about the vertical in rad/s, 0 to 1e6; faster commands are rejected.
     pub speed_max: f32,
     /// Quality of compressed images, 1 to 100.
     pub jpeg_quality: u8,

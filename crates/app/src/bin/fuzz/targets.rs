@@ -309,7 +309,7 @@ fn accept_command(bytes: &[u8], _: &Path) -> String {
             Ok(command) => {
                 assert!(command.valid_for.as_millis() <= 100);
                 let drive = command.drive;
-                assert!(drive.is_none_or(|drive| drive.x.abs() <= config.speed_max));
+                assert!(drive.is_none_or(|drive| drive.x.hypot(drive.y) <= config.speed_max));
                 // The same datagram again is a replay.
                 assert!(filter.accept(&datagram, Stamp(0)).is_err());
                 outcomes += "accepted ";

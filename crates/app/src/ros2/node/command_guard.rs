@@ -86,7 +86,8 @@ impl CommandGuard {
             return Err(Refusal::Closed);
         }
         let values = [twist.linear.x, twist.linear.y, twist.angular.z];
-        if !values.iter().all(|value| value.abs() <= self.speed_max) {
+        let speeds = [values[0].hypot(values[1]), values[2].abs()];
+        if !speeds.iter().all(|speed| *speed <= self.speed_max) {
             return Err(Refusal::Senseless);
         }
         let waited = sent_ns.map_or(0.0, |sent_ns| self.waited(sender, sent_ns, arrival));
