@@ -141,6 +141,10 @@ fn metrics_of(variant: &str, method: &str, runs: &[AirScore]) -> Vec<Metric> {
         (run.false_alarms, run.on_ground)
     }));
     figures.extend(shares(
+        "images with a place off by 0.5 m and 3 standard deviations, %",
+        |run| (run.misplaced, run.images),
+    ));
+    figures.extend(shares(
         "images in which the wrong robot alone is named, %",
         |run| (run.faulty_named, run.faulty_images),
     ));

@@ -10,11 +10,16 @@ use super::ray::{BallRay, RobotRay};
 pub struct TrackedFlight {
     /// Probability that the ball is in the air.
     pub airborne_probability: f32,
-    /// Mean state of the paths through the air, at the last ray's time.
+    /// Mean state of the paths through the air, at the last ray's time: a ball that flies or that a hand holds.
+    pub in_air: Option<BallMotionState>,
+    /// Mean state of those on which it flies, if that is more probable than that a hand holds it.
     pub flight: Option<BallMotionState>,
     /// Mean state of the paths on the ground, at the last ray's time.
     pub ground: Option<BallMotionState>,
 }
+
+/// Share of the balls in the air that a hand holds.
+const HELD_SHARE: f64 = 0.05;
 
 /// Follows one ball from image to image, in a frame that is fixed to the ground.
 #[derive(Debug, Clone)]
@@ -30,7 +35,8 @@ impl FlightTracker {
         FlightTracker {
             paths: PathTracker::new(&[
                 (BallMotionMode::Ground, 1.0 - airborne),
-                (BallMotionMode::Flight, airborne),
+                (BallMotionMode::Flight, airborne * (1.0 - HELD_SHARE)),
+                (BallMotionMode::Held, airborne * HELD_SHARE),
             ]),
             config,
         }
@@ -61,10 +67,13 @@ impl FlightTracker {
             pose_std: [0.0; 2],
         };
         self.paths.update(&ray, 0, &self.config);
+        let [flies, held] =
+            [BallMotionMode::Flight, BallMotionMode::Held].map(|mode| self.paths.probability(mode));
         Some(TrackedFlight {
-            airborne_probability: self.paths.probability(BallMotionMode::Flight) as f32,
-            flight: self.paths.state(Some(BallMotionMode::Flight)),
-            ground: self.paths.state(Some(BallMotionMode::Ground)),
+            airborne_probability: (flies + held) as f32,
+            in_air: (self.paths).state(&[BallMotionMode::Flight, BallMotionMode::Held]),
+            flight: (self.paths.state(&[BallMotionMode::Flight])).filter(|_| flies > held),
+            ground: self.paths.state(&[BallMotionMode::Ground]),
         })
     }
 }

@@ -14,7 +14,7 @@ pub enum BallMotionMode {
     Ground,
     /// It flies.
     Flight,
-    /// It is held above the ground.
+    /// A hand holds it above the ground, lifts it or carries it.
     Held,
 }
 
@@ -35,14 +35,15 @@ const DRAG_ERROR: f64 = 0.008;
 const ROLLING_ERROR: f64 = 0.3;
 /// Time for which an error of the acceleration lasts, seconds.
 const ERROR_TIME: f64 = 0.5;
-/// Random walk of a held ball, metres per square root of a second.
-const HELD_WALK: f64 = 0.02;
+/// Standard deviation of each component of a hand's velocity, m/s, and the time for which a velocity lasts, seconds.
+pub(super) const HAND_SPEED_STD: f64 = 0.5;
+const HAND_TIME: f64 = 0.5;
 
 impl BallMotionMode {
     /// Acceleration of a ball with a velocity, m/s².
     fn acceleration(self, [vx, vy, vz]: [f64; 3], config: &FlightConfig) -> [f64; 3] {
         match self {
-            BallMotionMode::Held => [0.0; 3],
+            BallMotionMode::Held => [vx, vy, vz].map(|velocity| -velocity / HAND_TIME),
             BallMotionMode::Ground => {
                 let speed = math::hypot(vx, vy).max(1e-6);
                 let slower = -f64::from(config.rolling_deceleration) / speed;
@@ -76,15 +77,23 @@ impl BallMotionMode {
         }
     }
 
-    /// Spectral densities of the noise of velocity, m²/s³, and of position, m²/s.
-    pub(super) fn noise(self, state: &[f64]) -> [f64; 2] {
+    /// Share of an error of the velocity that is left after `t` seconds: that of a hand is a Gauss-Markov process.
+    pub(super) fn velocity_kept(self, t: f64) -> f64 {
         match self {
-            BallMotionMode::Held => [0.0, HELD_WALK * HELD_WALK],
-            BallMotionMode::Ground => [ROLLING_ERROR * ROLLING_ERROR * ERROR_TIME, 0.0],
+            BallMotionMode::Held => math::exp(-t / HAND_TIME),
+            BallMotionMode::Ground | BallMotionMode::Flight => 1.0,
+        }
+    }
+
+    /// Spectral density of the noise of the velocity, m²/s³.
+    pub(super) fn noise(self, state: &[f64]) -> f64 {
+        match self {
+            BallMotionMode::Held => 2.0 * HAND_SPEED_STD * HAND_SPEED_STD / HAND_TIME,
+            BallMotionMode::Ground => ROLLING_ERROR * ROLLING_ERROR * ERROR_TIME,
             BallMotionMode::Flight => {
                 let squared = state[3] * state[3] + state[4] * state[4] + state[5] * state[5];
                 let error = DRAG_ERROR * squared.min(400.0);
-                [error * error * ERROR_TIME, 0.0]
+                error * error * ERROR_TIME
             }
         }
     }

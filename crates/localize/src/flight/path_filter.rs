@@ -149,19 +149,19 @@ impl PathFilter {
         if t <= 0.0 {
             return;
         }
-        let [velocity_noise, position_noise] = self.mode.noise(&self.mean);
+        let noise = self.mode.noise(&self.mean);
+        let kept = self.mode.velocity_kept(t);
         self.mode.advance(&mut self.mean, t, config);
         let size = self.size();
-        let moving = self.mode != BallMotionMode::Held;
-        if moving {
-            let (positions, rest) = self.covariance.split_at_mut(3 * size);
-            for (position, velocity) in positions.iter_mut().zip(&rest[..3 * size]) {
-                *position += t * velocity;
-            }
-            for row in self.covariance.chunks_exact_mut(size) {
-                for axis in 0..3 {
-                    row[axis] += t * row[axis + 3];
-                }
+        let (positions, rest) = self.covariance.split_at_mut(3 * size);
+        for (position, velocity) in positions.iter_mut().zip(&mut rest[..3 * size]) {
+            *position += t * *velocity;
+            *velocity *= kept;
+        }
+        for row in self.covariance.chunks_exact_mut(size) {
+            for axis in 0..3 {
+                row[axis] += t * row[axis + 3];
+                row[axis + 3] *= kept;
             }
         }
         // On the ground the height is known.
@@ -171,10 +171,10 @@ impl PathFilter {
             3
         };
         for axis in 0..axes {
-            *self.p_mut(axis, axis) += velocity_noise * t * t * t / 3.0 + position_noise * t;
-            *self.p_mut(axis, axis + 3) += velocity_noise * t * t / 2.0;
-            *self.p_mut(axis + 3, axis) += velocity_noise * t * t / 2.0;
-            *self.p_mut(axis + 3, axis + 3) += velocity_noise * t;
+            *self.p_mut(axis, axis) += noise * t * t * t / 3.0;
+            *self.p_mut(axis, axis + 3) += noise * t * t / 2.0;
+            *self.p_mut(axis + 3, axis) += noise * t * t / 2.0;
+            *self.p_mut(axis + 3, axis + 3) += noise * t;
         }
         self.decay_biases(t, config);
     }

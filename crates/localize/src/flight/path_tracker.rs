@@ -4,7 +4,7 @@
 //! on. Each path holds the probability of all rays up to now: Bayesian detection of changes (docs/methods.md 17.3).
 
 use super::config::FlightConfig;
-use super::motion::{BallMotionMode, BallMotionState, mix};
+use super::motion::{BallMotionMode, BallMotionState, HAND_SPEED_STD, mix};
 use super::path_filter::{Agreement, PathFilter, VelocityChange};
 use super::ray::RobotRay;
 use super::ray_rows::point_on;
@@ -20,9 +20,12 @@ const LOG_RATIO_MIN: f64 = -12.0;
 /// Standard deviations of velocities of a new path, m/s.
 const SPEED_STD: f64 = 5.0;
 const VERTICAL_SPEED_STD: f64 = 3.5;
-/// Share of the balls on the ground that lie still, and the standard deviation of their velocity, m/s.
+/// Shares of the balls on the ground that lie still and that roll slowly, and the standard deviations of their velocities,
+/// m/s.
 const RESTING_SHARE: f64 = 0.5;
 const RESTING_SPEED_STD: f64 = 0.1;
+const SLOW_SHARE: f64 = 0.2;
+const SLOW_SPEED_STD: f64 = 0.7;
 /// A ball that leaves the ground goes up, m/s.
 const LOFT_MEAN: f64 = 2.5;
 const LOFT_STD: f64 = 2.5;
@@ -315,13 +318,13 @@ impl PathTracker {
         of_mode.map(|path| math::exp(path.log_probability)).sum()
     }
 
-    /// Mean and covariance over all paths of a kind, or of all kinds, weighted by their probabilities.
-    pub(super) fn state(&self, mode: Option<BallMotionMode>) -> Option<BallMotionState> {
-        let of_mode = self
+    /// Mean and covariance over all paths of some kinds, weighted by their probabilities.
+    pub(super) fn state(&self, modes: &[BallMotionMode]) -> Option<BallMotionState> {
+        let of_modes = self
             .paths
             .iter()
-            .filter(|path| mode.is_none_or(|mode| path.filter.mode == mode));
-        mix(of_mode.map(|path| (path.log_probability, path.filter.state())))
+            .filter(|path| modes.contains(&path.filter.mode));
+        mix(of_modes.map(|path| (path.log_probability, path.filter.state())))
     }
 }
 
@@ -351,12 +354,15 @@ fn new_velocities(mode: BallMotionMode, from_ground: bool) -> Vec<(f64, [f64; 3]
     match mode {
         BallMotionMode::Ground => {
             let resting = RESTING_SPEED_STD * RESTING_SPEED_STD;
+            let slow = SLOW_SPEED_STD * SLOW_SPEED_STD;
+            let fast_share = 1.0 - RESTING_SHARE - SLOW_SHARE;
             vec![
                 (RESTING_SHARE, [0.0; 3], [resting, resting, 0.0]),
-                (1.0 - RESTING_SHARE, [0.0; 3], [level, level, 0.0]),
+                (SLOW_SHARE, [0.0; 3], [slow, slow, 0.0]),
+                (fast_share, [0.0; 3], [level, level, 0.0]),
             ]
         }
-        BallMotionMode::Held => vec![(1.0, [0.0; 3], [0.0; 3])],
+        BallMotionMode::Held => vec![(1.0, [0.0; 3], [HAND_SPEED_STD * HAND_SPEED_STD; 3])],
         BallMotionMode::Flight => {
             let (up, std) = if from_ground {
                 (LOFT_MEAN, LOFT_STD)

@@ -26,8 +26,8 @@ pub struct TriangulatedBall {
 /// Kinds of motion with their prior probabilities.
 const KINDS: [(BallMotionMode, f64); 3] = [
     (BallMotionMode::Ground, 0.6),
-    (BallMotionMode::Flight, 0.3),
-    (BallMotionMode::Held, 0.1),
+    (BallMotionMode::Flight, 0.35),
+    (BallMotionMode::Held, 0.05),
 ];
 /// Most robots whose rays are combined.
 const ROBOTS_MAX: usize = 8;
@@ -174,7 +174,7 @@ impl TeamFlightTracker {
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
         Some(TriangulatedBall {
             mode,
-            state: self.paths.state(None)?,
+            state: self.paths.state(&KINDS.map(|(mode, _)| mode))?,
             inliers,
             outliers,
         })

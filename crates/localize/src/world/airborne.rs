@@ -63,6 +63,7 @@ pub(super) struct AirborneBall {
 pub(super) struct TrackedAirborne {
     probability: f32,
     state: BallMotionState,
+    landing: Option<Landing>,
 }
 
 impl TrackedAirborne {
@@ -82,6 +83,27 @@ impl TrackedAirborne {
             p[(1, 0)] as f32,
             p[(1, 1)] as f32,
         );
+    }
+
+    /// The flight relative to the robot and on the field.
+    pub(super) fn output(
+        &self,
+        robot_from_odometry: Tf<RobotFrame, OdometryFrame>,
+        pose: Option<(Pose, Matrix3<f32>)>,
+    ) -> BallInAir {
+        let robot_origin = robot_from_odometry * At::<OdometryFrame>::new(0.0, 0.0);
+        let from_robot = AirborneState::new(&self.state, self.landing)
+            .transformed(robot_from_odometry.theta, [robot_origin.x, robot_origin.y]);
+        let on_field = pose.map(|(pose, covariance)| {
+            let mut on_field = from_robot.transformed(pose.theta, [pose.x, pose.y]);
+            on_field.add_pose_covariance(&pose, &covariance);
+            on_field
+        });
+        BallInAir {
+            probability: self.probability,
+            from_robot,
+            on_field,
+        }
     }
 }
 
@@ -138,35 +160,12 @@ impl AirborneBall {
             elevation_std: sighting.std[1],
             distance: sighting.distance,
         })?;
-        let state = tracked.flight?;
+        let state = tracked.in_air?;
         (tracked.airborne_probability > 0.5).then_some(TrackedAirborne {
             probability: tracked.airborne_probability,
             state,
+            landing: (tracked.flight).and_then(|flight| predict_landing(&flight, &self.config)),
         })
-    }
-
-    /// The flight relative to the robot and on the field.
-    pub(super) fn output(
-        &self,
-        airborne: &TrackedAirborne,
-        robot_from_odometry: Tf<RobotFrame, OdometryFrame>,
-        pose: Option<(Pose, Matrix3<f32>)>,
-    ) -> BallInAir {
-        let state = &airborne.state;
-        let landing = predict_landing(state, &self.config);
-        let robot_origin = robot_from_odometry * At::<OdometryFrame>::new(0.0, 0.0);
-        let from_robot = AirborneState::new(state, landing)
-            .transformed(robot_from_odometry.theta, [robot_origin.x, robot_origin.y]);
-        let on_field = pose.map(|(pose, covariance)| {
-            let mut on_field = from_robot.transformed(pose.theta, [pose.x, pose.y]);
-            on_field.add_pose_covariance(&pose, &covariance);
-            on_field
-        });
-        BallInAir {
-            probability: airborne.probability,
-            from_robot,
-            on_field,
-        }
     }
 }
 

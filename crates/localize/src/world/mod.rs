@@ -162,11 +162,8 @@ impl WorldModel {
                 .filter(|track| track.is_confirmed(&config.robots))
                 .map(|track| view.tracked_object(track))
                 .collect(),
-            ball_in_air: airborne.map(|airborne| {
-                let robot_from_odometry = view.robot_from_odometry;
-                self.airborne
-                    .output(&airborne, robot_from_odometry, view.pose)
-            }),
+            ball_in_air: airborne
+                .map(|airborne| airborne.output(view.robot_from_odometry, view.pose)),
             ball_sighting,
         }
     }

@@ -32,6 +32,7 @@ impl TruePath {
                 0.0,
             ),
             BallMotion::Ground => (15, start, trial.speed * unit(), 0.0),
+            BallMotion::Carried => (15, start, 1.2 * unit(), 0.0),
             BallMotion::Flight => {
                 let loft = (25.0 + 25.0 * unit()).to_radians();
                 (
@@ -59,6 +60,22 @@ impl TruePath {
                 fine.extend(trajectory(&flight, (images - kick) * FINE, fine_rate));
             }
             BallMotion::Held => fine.resize(images * FINE, at),
+            BallMotion::Carried => {
+                let (height, duration) = (0.3 + 0.7 * unit(), 0.8 + 0.7 * unit());
+                for step in 0..(images - kick) * FINE {
+                    let time = step as f64 / fine_rate;
+                    // As hands move: without a jump of the acceleration. Who lifts it begins to walk meanwhile.
+                    let part = (time / duration).min(1.0);
+                    let lifted = part.powi(3) * (10.0 - 15.0 * part + 6.0 * part * part);
+                    let gone = level * (time - duration * (part - 0.5 * part * part));
+                    let [x, y, z] = at;
+                    fine.push([
+                        x + gone * math::cos(direction),
+                        y + gone * math::sin(direction),
+                        z + height * lifted,
+                    ]);
+                }
+            }
             BallMotion::Ground => {
                 let deceleration = 0.2 + 0.5 * unit();
                 for step in 0..(images - kick) * FINE {

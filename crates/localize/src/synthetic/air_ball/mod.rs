@@ -71,16 +71,18 @@ fn evaluate_one(path: &TruePath, trial: &AirExperiment, rng: &mut impl Rng) -> A
             score.false_alarms += usize::from(called);
         }
         let called_path = if called {
-            tracked.flight
+            tracked.in_air
         } else {
             tracked.ground
         };
         let Some(state) = called_path else {
             continue;
         };
+        score.add_place(&state, truth);
         if high && called {
             score.add_error(&state, truth);
-            if let (Some((end, at)), Some(predicted)) = (landing, predict_landing(&state, &config))
+            if let (Some((end, at)), Some(flight)) = (landing, tracked.flight)
+                && let Some(predicted) = predict_landing(&flight, &config)
                 && image + 8 <= end
             {
                 let [x, y] = predicted.at.map(f64::from);
@@ -151,9 +153,10 @@ fn evaluate_team(path: &TruePath, trial: &AirExperiment, rng: &mut impl Rng) -> 
             score.on_ground += 1;
             score.false_alarms += usize::from(called);
         }
+        // The newest ray that agrees may be that of an image before.
+        let image = (found.state.stamp.seconds() * RATE).round() as usize;
+        score.add_place(&found.state, path.at(image, 0.0));
         if high {
-            // The newest ray that agrees may be that of an image before.
-            let image = (found.state.stamp.seconds() * RATE).round() as usize;
             score.add_error(&found.state, path.at(image, 0.0));
         }
     }

@@ -20,6 +20,8 @@ pub struct AirScore {
     pub false_alarms: usize,
     /// Images of a ball on the ground.
     pub on_ground: usize,
+    /// Images in which the most probable place is off by half a metre and three standard deviations, over the ground.
+    pub misplaced: usize,
     /// Sum of errors of the position, and number.
     pub error_sum: f64,
     /// Errors summed.
@@ -52,6 +54,17 @@ impl AirScore {
     /// Mean error of the landing point, metres.
     pub fn landing_error(&self) -> Option<f64> {
         (self.landings > 0).then(|| self.landing_sum / self.landings as f64)
+    }
+
+    /// Counts a stated place that is far from the true one and does not say so.
+    pub(super) fn add_place(&mut self, state: &BallMotionState, truth: [f64; 3]) {
+        let off = nalgebra::Vector2::from_fn(|axis, _| state.state[axis] - truth[axis]);
+        let covariance = state.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        let Some(inverse) = covariance.try_inverse() else {
+            return;
+        };
+        let squared_sigmas = (off.transpose() * inverse * off).x;
+        self.misplaced += usize::from(off.norm() > 0.5 && squared_sigmas > 9.0);
     }
 
     pub(super) fn add_error(&mut self, state: &BallMotionState, truth: [f64; 3]) {

@@ -16,6 +16,8 @@ pub enum BallMotion {
     Flight,
     /// It rests at a height of 0.3 to 1.5 m.
     Held,
+    /// It lies, then a hand lifts it and carries it away at walking pace.
+    Carried,
 }
 
 /// Settings of the experiment.

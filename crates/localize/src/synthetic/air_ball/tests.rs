@@ -8,6 +8,7 @@ fn sum(trial: &AirExperiment, seeds: u64) -> AirScore {
         let score = evaluate_air_ball(seed, trial);
         sum.images += score.images;
         sum.airborne += score.airborne;
+        sum.misplaced += score.misplaced;
         sum.airborne_found += score.airborne_found;
         sum.false_alarms += score.false_alarms;
         sum.on_ground += score.on_ground;
@@ -98,4 +99,25 @@ fn one_faulty_robot_of_three_is_named() {
         10 * score.faulty_named > 8 * score.faulty_images,
         "{score:?}"
     );
+}
+
+#[test]
+fn ball_in_a_hand_that_lifts_it_does_not_roll_away() {
+    for robots in [1, 3] {
+        let trial = AirExperiment {
+            motion: BallMotion::Carried,
+            robots,
+            ..AirExperiment::default()
+        };
+        let score = sum(&trial, 40);
+        assert!(
+            10 * score.airborne_found > 9 * score.airborne,
+            "{robots} {score:?}"
+        );
+        assert!(50 * score.misplaced < score.images, "{robots} {score:?}");
+        assert!(
+            score.covered as f64 > 0.9 * score.errors as f64,
+            "{robots} {score:?}"
+        );
+    }
 }
