@@ -294,13 +294,20 @@ impl PixelStage {
             known.push(candidate);
             obstacles.push(robot);
         }
+        // What ends the carpet has a measured width.
+        let measured = obstacles.len();
         for candidate in candidates {
             if known.iter().any(|other| is_same(&candidate, other)) {
                 continue;
             }
-            if let Some(robot) = self.obstacle_detection(input, &candidate) {
+            let detection = self.obstacle_detection(input, &candidate);
+            if let Some(obstacle) = detection
+                && !obstacles[..measured]
+                    .iter()
+                    .any(|nearer| nearer.hides(&obstacle))
+            {
                 known.push(candidate);
-                obstacles.push(robot);
+                obstacles.push(obstacle);
             }
         }
         obstacles

@@ -4,7 +4,7 @@
 
 use std::ops::Range;
 
-use localize::frames::{At, RobotFrame};
+use localize::frames::{At, RobotFrame, wrap_angle};
 use localize::math;
 use localize::world::TeamColour;
 
@@ -48,6 +48,17 @@ pub struct RobotDetection {
     pub position_px: [f32; 2],
     /// Robot or person.
     pub kind: ObstacleKind,
+}
+
+impl RobotDetection {
+    /// True if the foot of another one is behind this robot, where the ground cannot be seen. People have legs.
+    pub(crate) fn hides(&self, other: &RobotDetection) -> bool {
+        let range = self.edge.distance();
+        let aside = wrap_angle(self.at.bearing() - other.edge.bearing()).abs();
+        self.kind == ObstacleKind::Robot
+            && range < other.edge.distance()
+            && aside < math::atan2(0.5 * self.width, range)
+    }
 }
 
 /// Least depth of a dip between two nearer robots, metres.
