@@ -22,6 +22,8 @@ pub(crate) struct LineValidator<'a> {
     pub(crate) noise: f32,
     /// Range of the carpet's boundary along each ray, metres; see [`crate::objects::radial_scan`].
     pub(crate) carpet_end: &'a [f32],
+    /// Otherwise what is brighter than the carpet on both sides may be a line, whatever its colour.
+    pub(crate) lamp_is_known: bool,
 }
 
 /// A segment of a scan line as read.
@@ -216,7 +218,7 @@ impl LineValidator<'_> {
 
     /// True if the peak adds light of the lamp's colour to the adjacent carpet.
     fn is_white(&self, colours: &PeakColours) -> bool {
-        if self.carpet_model.is_grey() {
+        if self.carpet_model.is_grey() || !self.lamp_is_known {
             return true;
         }
         let [carpet_light, carpet_along, carpet_across] =

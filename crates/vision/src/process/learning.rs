@@ -15,6 +15,9 @@ use super::{FoundLines, Vision};
 /// Demosaicing and compression correlate the noise of neighbours; samples this far apart are independent.
 const NOISE_LAG: usize = 4;
 
+/// Light is coloured if so many times as many points are brighter than the carpet on both sides as are white in neutral light.
+const CAST_POINTS: usize = 2;
+
 /// Fewest line points for estimating white.
 const WHITE_POINTS_MIN: usize = 8;
 
@@ -54,10 +57,7 @@ impl Vision {
         let lines = ScanLines::All;
         let mut share = self.read_scan(image, &colour_model, lines);
         self.measure_noise(image, &mut colour_model, lines);
-        let mut detections = Detections::default();
-        self.find_carpet_ends(&mut detections);
-        self.detect_lines(image, &colour_model, lines, &mut detections);
-        if let Some(white) = estimate_white(image, &detections) {
+        if let Some(white) = self.measure_white(image, &colour_model) {
             colour_model = self.build_colour_model(
                 colour_model
                     .carpet_model
@@ -69,6 +69,21 @@ impl Vision {
         }
         colour_model.learned_carpet_share = share;
         Ok((colour_model, share))
+    }
+
+    /// White as the lines show it: under neutral light, or, if most lines are of another colour, in theirs.
+    fn measure_white(
+        &mut self,
+        image: &ImageView<'_>,
+        colour_model: &ColourModel,
+    ) -> Option<[f32; 3]> {
+        let mut neutral = Detections::default();
+        self.find_carpet_ends(&mut neutral);
+        let mut any_lamp = neutral.clone();
+        self.detect_lines(image, colour_model, ScanLines::All, true, &mut neutral);
+        self.detect_lines(image, colour_model, ScanLines::All, false, &mut any_lamp);
+        let is_cast = any_lamp.line_points.len() > CAST_POINTS * neutral.line_points.len();
+        estimate_white(image, if is_cast { &any_lamp } else { &neutral })
     }
 
     fn build_colour_model(&self, model: CarpetModel, format: PixelFormat) -> ColourModel {

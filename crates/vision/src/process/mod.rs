@@ -272,7 +272,13 @@ impl Vision {
         lines: ScanLines,
     ) -> Result<FoundLines, VisionError> {
         let (mut found, colour_model) = self.scan_image(image, lines)?;
-        self.detect_lines(image, &colour_model, found.lines, &mut found.detections);
+        self.detect_lines(
+            image,
+            &colour_model,
+            found.lines,
+            true,
+            &mut found.detections,
+        );
         found.marking_points = found.detections.line_points.len();
         self.detect_wall_bases(image, &colour_model, found.lines, &mut found.detections);
         found.detections.goals =

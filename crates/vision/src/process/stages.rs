@@ -94,6 +94,7 @@ impl Vision {
         image: &ImageView<'_>,
         colour_model: &ColourModel,
         lines: ScanLines,
+        lamp_is_known: bool,
         detections: &mut Detections,
     ) {
         let mut scratch = std::mem::take(&mut self.scratch);
@@ -101,7 +102,10 @@ impl Vision {
             &mut detections.line_points,
             &mut detections.rejected_candidates,
         );
-        let validator = self.line_validator(image, colour_model, &detections.carpet_end);
+        let validator = LineValidator {
+            lamp_is_known,
+            ..self.line_validator(image, colour_model, &detections.carpet_end)
+        };
         detect_line_points(
             &self.scan_readout(lines),
             &validator,
@@ -156,6 +160,7 @@ impl Vision {
             line_width: self.line_width,
             noise: colour_model.brightness_noise,
             carpet_end,
+            lamp_is_known: true,
         }
     }
 }
