@@ -1,7 +1,8 @@
 //! Where is the mirror's rim in the images? Pictures of one camera in, a circle out.
 //!
-//! Outside the rim a picture stays dark, whatever the mirror shows. So the brightest value of each pixel over all
-//! pictures separates the two better than any single picture. Corners of the image often show the only arcs of the rim.
+//! Outside the rim a picture stays dark, whatever the mirror shows. So the brightest values of each pixel over all pictures
+//! separate the two better than any single picture; the very brightest may be those of a picture that does not belong here.
+//! Corners of the image often show the only arcs of the rim.
 
 use crate::image::Image;
 use localize::math;
@@ -57,6 +58,10 @@ const CONTRAST_MIN: f32 = 8.0;
 /// Fewest edge points that determine a circle.
 const POINTS_MIN: usize = 24;
 
+/// One in so many pictures may be bright beyond the rim: broken, or of another camera.
+const FOREIGN_INTERVAL: usize = 8;
+const FOREIGN_MAX: usize = 7;
+
 /// Fits the rim's circle to pictures of one camera.
 pub fn find_rim(images: &[&Image]) -> Result<Rim, RimError> {
     let first = images.first().ok_or(RimError::NoImages)?;
@@ -109,10 +114,12 @@ pub fn find_rim(images: &[&Image]) -> Result<Rim, RimError> {
     })
 }
 
-/// Brightest channel of each pixel over all images, averaged over 3 × 3 pixels before the maximum: single hot pixels
-/// would make the border bright.
+/// Brightest channel of each pixel over all images but as many of the brightest as may be foreign, averaged over 3 × 3 pixels
+/// before: single hot pixels would make the border bright.
 fn brightest_values(images: &[&Image], [width, height]: [usize; 2]) -> Vec<f32> {
-    let mut brightest = vec![0.0f32; width * height];
+    // Of each pixel, falling.
+    let mut brightest = vec![[0.0f32; FOREIGN_MAX + 1]; width * height];
+    let foreign = (images.len() / FOREIGN_INTERVAL).min(FOREIGN_MAX);
     for image in images {
         let value: Vec<f32> = image
             .rgb
@@ -132,12 +139,16 @@ fn brightest_values(images: &[&Image], [width, height]: [usize; 2]) -> Vec<f32> 
                             .sum::<f32>()
                     })
                     .sum();
-                let place = &mut brightest[v * width + u];
-                *place = place.max(sum / count);
+                let mut value = sum / count;
+                for place in &mut brightest[v * width + u][..=foreign] {
+                    if value > *place {
+                        std::mem::swap(place, &mut value);
+                    }
+                }
             }
         }
     }
-    brightest
+    brightest.iter().map(|values| values[foreign]).collect()
 }
 
 /// Outermost points, seen from the image's centre, beyond which the image stays dark. Stray light makes a halo beyond the rim,
