@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -46,15 +46,17 @@ pub(crate) struct Tuning {
 /// The stream's side of the tuning; clones share it.
 #[derive(Clone)]
 pub(crate) struct TuningHandle {
-    requests: SyncSender<RequestedChange>,
+    /// Wakes the thread that builds pipelines.
+    wake: SyncSender<()>,
     shared: Arc<Mutex<TuningState>>,
     key: Option<MacKey>,
 }
 
-/// A change that was accepted and waits for its pipeline.
+/// Accepted changes that wait for their pipeline.
 struct RequestedChange {
+    /// All settings after the last of them.
     config: PipelineConfig,
-    author: Option<String>,
+    authors: Vec<String>,
 }
 
 struct TuningState {
@@ -62,6 +64,10 @@ struct TuningState {
     initial: PipelineConfig,
     /// Settings in use.
     current: PipelineConfig,
+    /// Settings after all accepted changes. The next change applies to them.
+    accepted: PipelineConfig,
+    /// Changes that no pipeline is built for yet. A later one joins them, so that none is lost.
+    waiting: Option<RequestedChange>,
     /// Number that the next sealed change must name.
     nonce: String,
     /// Result of the last change.
@@ -90,29 +96,26 @@ pub(crate) struct TuningView {
 impl Tuning {
     /// Starts the thread that builds pipelines. `key`: the phrase under which changes are accepted; None accepts all.
     pub(crate) fn start(setup: Setup, config: &PipelineConfig, key: Option<&str>) -> Result<Self> {
-        let shared = Arc::new(Mutex::new(TuningState {
-            initial: config.clone(),
-            current: config.clone(),
-            nonce: random_nonce()?,
-            message: String::new(),
-            history: VecDeque::new(),
-            revision: 0,
-        }));
-        // One change at a time.
-        let (requests, received) = sync_channel::<RequestedChange>(1);
+        let shared = Arc::new(Mutex::new(TuningState::new(config)?));
+        let (wake, woken) = sync_channel(1);
         let (sender, prepared) = sync_channel(1);
         let state = shared.clone();
+        let mut previous = config.clone();
         let build = move || {
             hw::realtime::lower_priority();
-            for requested in received {
-                let current = lock(&state).current.clone();
-                match prepare(&setup, &current, requested) {
+            for () in woken {
+                let Some(requested) = lock(&state).waiting.take() else {
+                    continue;
+                };
+                match prepare(&setup, &previous, requested) {
                     Ok(prepared) => {
+                        // The run takes every pipeline, in this order.
+                        previous = prepared.config.clone();
                         if sender.send(prepared).is_err() {
                             return;
                         }
                     }
-                    Err(error) => lock(&state).report(format!("{error:#}")),
+                    Err(error) => lock(&state).reject_prepared(&previous, &error),
                 }
             }
         };
@@ -121,7 +124,7 @@ impl Tuning {
             .spawn(build)?;
         Ok(Tuning {
             desk: TuningHandle {
-                requests,
+                wake,
                 shared,
                 key: key.map(MacKey::new).transpose()?,
             },
@@ -208,19 +211,52 @@ impl TuningHandle {
         let base = match overlay.remove(REVOKE_KEY) {
             Some(toml::Value::Boolean(true)) => &state.initial,
             Some(_) => bail!("{REVOKE_KEY}: expected true"),
-            None => &state.current,
+            None => &state.accepted,
         };
         let config = apply_overlay(base, overlay)?;
         ensure!(
             config.team.number == state.current.team.number,
             "team.number cannot change while the robot plays"
         );
-        let sent = self.requests.try_send(RequestedChange { config, author });
-        sent.ok().context("another change is on its way. Try again")
+        state.accept(config, author);
+        match self.wake.try_send(()) {
+            Err(TrySendError::Disconnected(())) => bail!("the run has ended"),
+            // A full channel wakes the thread as well.
+            Ok(()) | Err(TrySendError::Full(())) => Ok(()),
+        }
     }
 }
 
 impl TuningState {
+    fn new(config: &PipelineConfig) -> Result<Self> {
+        Ok(TuningState {
+            initial: config.clone(),
+            current: config.clone(),
+            accepted: config.clone(),
+            waiting: None,
+            nonce: random_nonce()?,
+            message: String::new(),
+            history: VecDeque::new(),
+            revision: 0,
+        })
+    }
+
+    fn accept(&mut self, config: PipelineConfig, author: Option<String>) {
+        self.accepted = config.clone();
+        let waiting = self.waiting.take();
+        let mut authors = waiting.map_or_else(Vec::new, |waiting| waiting.authors);
+        authors.extend(author.filter(|name| !authors.contains(name)));
+        self.waiting = Some(RequestedChange { config, authors });
+    }
+
+    /// No pipeline has the accepted settings. `previous`: those of the last pipeline.
+    fn reject_prepared(&mut self, previous: &PipelineConfig, error: &anyhow::Error) {
+        if self.waiting.is_none() {
+            self.accepted = previous.clone();
+        }
+        self.report(format!("rejected: {error:#}"));
+    }
+
     fn report(&mut self, message: String) {
         self.message = message;
         self.revision += 1;
@@ -267,12 +303,12 @@ fn random_nonce() -> Result<String> {
 
 fn prepare(
     setup: &Setup,
-    current: &PipelineConfig,
-    RequestedChange { config, author }: RequestedChange,
+    previous: &PipelineConfig,
+    RequestedChange { config, authors }: RequestedChange,
 ) -> Result<PreparedPipeline> {
-    let mut changes = describe_changes(current, &config)?;
-    if let Some(author) = author {
-        changes += &format!(" (by {author})");
+    let mut changes = describe_changes(previous, &config)?;
+    if !authors.is_empty() {
+        changes += &format!(" (by {})", authors.join(", "));
     }
     let pipeline = Pipeline::new(setup, &config)?;
     Ok(PreparedPipeline {
@@ -356,17 +392,11 @@ mod tests {
 
     #[test]
     fn changes_need_the_seal_for_the_present_nonce() {
-        let (requests, received) = sync_channel(8);
+        let (wake, _woken) = sync_channel(1);
+        let state = TuningState::new(&PipelineConfig::default()).expect("a state");
         let desk = TuningHandle {
-            requests,
-            shared: Arc::new(Mutex::new(TuningState {
-                initial: PipelineConfig::default(),
-                current: PipelineConfig::default(),
-                nonce: random_nonce().expect("random"),
-                message: String::new(),
-                history: VecDeque::new(),
-                revision: 0,
-            })),
+            wake,
+            shared: Arc::new(Mutex::new(state)),
             key: Some(MacKey::new("a shared phrase").expect("a key")),
         };
         let overlay = "vision.scan.range_max = 7.0";
@@ -383,7 +413,7 @@ mod tests {
         );
         assert!(desk.request(overlay, Some(&good)).is_ok());
         assert!(desk.request(overlay, Some(&good)).is_err(), "a replay");
-        let config = received.try_recv().expect("a change");
+        let config = lock(&desk.shared).waiting.take().expect("a change");
         assert_eq!(config.config.vision.scan.range_max, 7.0);
         // A sealed change that is invalid is rejected with its reason.
         let invalid = "vision.scan.range_max = -1.0";
@@ -394,7 +424,45 @@ mod tests {
             "{}",
             desk.view().message
         );
-        assert!(received.try_recv().is_err());
+        assert!(lock(&desk.shared).waiting.is_none());
+    }
+
+    #[test]
+    fn each_of_many_quick_changes_is_in_force_and_described_truly() {
+        let robot = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../samples/sequence/robot.toml");
+        let setup = Setup::load(&robot, None).expect("a set-up");
+        let config = PipelineConfig::default();
+        let tuning = Tuning::start(setup, &config, None).expect("started");
+        let mut previous = config.localize.matching.steps_max;
+        let requests = [
+            "localize.matching.steps_max = 18",
+            "vision.scan.range_max = 7.0",
+            "localize.matching.steps_max = 11",
+            "by = \"Eva\"\nlocalize.matching.steps_max = 12",
+            "by = \"Ben\"\nlocalize.matching.steps_max = 21",
+        ];
+        for request in requests {
+            tuning.desk().request(request, None).expect("accepted");
+        }
+        let mut seen = Vec::new();
+        while tuning.desk().view().config.localize.matching.steps_max != 21 {
+            let Some(prepared) = tuning.take_prepared() else {
+                std::thread::sleep(std::time::Duration::from_millis(1));
+                continue;
+            };
+            let steps = prepared.config.localize.matching.steps_max;
+            if steps != previous {
+                let change = format!("localize.matching.steps_max {previous} → {steps}");
+                assert!(prepared.changes.contains(&change), "{}", prepared.changes);
+            }
+            previous = steps;
+            seen.push(prepared.changes);
+        }
+        assert_eq!(tuning.desk().view().config.vision.scan.range_max, 7.0);
+        assert!(seen.last().is_some_and(|last| last.contains("Ben")));
+        let history = tuning.desk().view().history;
+        assert_eq!(history.lines().count(), seen.len(), "{history}");
     }
 
     #[test]
