@@ -18,19 +18,17 @@ use prost::Message;
 use super::encoded_image::EncodedImage;
 use super::fallback::FallbackReader;
 use super::header::{Header, translate_files};
+use super::header_records::HeaderRecords;
 use super::limits::{FieldBudget, check_message};
 use super::mcap_encoding::RECORD_HEADER_BYTES;
-use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, RecordReader, decode_chunk};
+use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, decode_chunk};
 use super::read::LoggedCycle;
-use super::schema::{
-    CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
-};
+use super::record_scan::scan_chunks;
+use super::schema::{CYCLE_TOPIC, IMAGE_TOPIC, convert, decode_compressed_image, wire};
 use crate::config::PIPELINE_FILE;
 
 /// Number of chunks from which the topics of a truncated file are read. The first has all topics of Mirrorball.
 const TOPIC_SEARCH_CHUNKS: usize = 16;
-/// Size of the two times at the start of a chunk record, bytes.
-const CHUNK_TIMES_BYTES: usize = 16;
 
 /// A chunk of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -295,28 +293,14 @@ fn is_readable_cycle(message: &[u8]) -> bool {
     check_message(message).is_ok() && wire::Cycle::decode(message).is_ok()
 }
 
-fn stamp_from_log_time(log_time: u64) -> Stamp {
+pub(super) fn stamp_from_log_time(log_time: u64) -> Stamp {
     Stamp(i64::try_from(log_time).unwrap_or(i64::MAX))
 }
 
-/// Reads the records before the first chunk. For other versions or programs, reads as much as can be decoded.
+/// Reads metadata and files. For other versions or programs, reads as much as can be decoded.
 fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
-    let mut stream = RecordReader::open(path)?;
-    let mut about = None;
-    let mut files = std::collections::BTreeMap::new();
-    while let Ok(Some(record)) = stream.next_record() {
-        match record {
-            Record::Metadata(metadata) if metadata.name == PROJECT_NAME => {
-                about = Some(metadata.metadata)
-            }
-            Record::Attachment { header, data, .. } => {
-                files.insert(header.name, data.into_owned());
-            }
-            Record::Header(_) | Record::Metadata(_) => {}
-            _ => break,
-        }
-    }
-    let header = match about.map(|values| (Header::from_metadata(&values, path), values)) {
+    let HeaderRecords { metadata, files } = HeaderRecords::read(path)?;
+    let header = match metadata.map(|values| (Header::from_metadata(&values, path), values)) {
         Some((Ok(header), _)) => {
             missing.extend(header.version_mismatch());
             header
@@ -380,45 +364,4 @@ pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
         bail!(WithoutChunks(path.to_owned()));
     }
     Ok((!summary.chunk_indexes.is_empty()).then_some(summary))
-}
-
-/// Finds the complete chunks of a file without a summary. Skips from record to record by their lengths.
-pub(super) fn scan_chunks(path: &Path) -> Result<Vec<ChunkInfo>> {
-    let file = input_file::open(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let size = file.metadata()?.len();
-    let mut file = BufReader::new(file);
-    let mut offset = mcap::MAGIC.len() as u64;
-    file.seek(SeekFrom::Start(offset))?;
-    let mut parts = Vec::new();
-    loop {
-        let mut prefix = [0; RECORD_HEADER_BYTES];
-        if file.read_exact(&mut prefix).is_err() {
-            return Ok(parts);
-        }
-        let [opcode, length @ ..] = prefix;
-        let length = u64::from_le_bytes(length);
-        let whole = (RECORD_HEADER_BYTES as u64).saturating_add(length);
-        if length > MAX_RECORD_BYTES || offset + whole > size {
-            return Ok(parts);
-        }
-        let mut passed = 0;
-        if opcode == op::CHUNK && length >= CHUNK_TIMES_BYTES as u64 {
-            let mut times = [0; CHUNK_TIMES_BYTES];
-            file.read_exact(&mut times)?;
-            passed = CHUNK_TIMES_BYTES as u64;
-            let time = |at: usize| {
-                let mut bytes = [0; 8];
-                bytes.copy_from_slice(&times[at..at + 8]);
-                stamp_from_log_time(u64::from_le_bytes(bytes))
-            };
-            parts.push(ChunkInfo {
-                offset,
-                length: whole,
-                start: time(0),
-                end: time(8),
-            });
-        }
-        file.seek_relative((length - passed) as i64)?;
-        offset += whole;
-    }
 }

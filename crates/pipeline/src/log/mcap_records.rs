@@ -245,7 +245,7 @@ pub(super) fn decode_chunk(body: &[u8]) -> Result<VecDeque<Record<'static>>> {
 }
 
 /// True if the parts of an attachment record fit into it. The parser does not check this.
-fn is_complete_attachment(body: &[u8]) -> bool {
+pub(super) fn is_complete_attachment(body: &[u8]) -> bool {
     // Log and creation time, name, media type, data, checksum.
     let mut rest = body.get(16..);
     for _ in 0..2 {

@@ -10,11 +10,10 @@ use prost::Message;
 
 use super::encoded_image::{EncodedImage, ImageCompression};
 use super::header::{Header, translate_files};
+use super::header_records::HeaderRecords;
 use super::limits::check_message;
 use super::mcap_records::{LogCompleteness, RecordReader};
-use super::schema::{
-    CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
-};
+use super::schema::{CYCLE_TOPIC, IMAGE_TOPIC, convert, decode_compressed_image, wire};
 use crate::csv_table::format_seconds;
 use crate::cycle::Cycle;
 use crate::sample::{CameraImage, ImageContent, Sample, SettingsChange};
@@ -142,23 +141,8 @@ impl LogReader {
     /// Rejects files that are not MCAP, not a log of Mirrorball, or of another log format.
     pub fn open(path: &Path) -> Result<Self> {
         let mut stream = RecordReader::open(path)?;
-        let mut about = None;
-        let mut files = std::collections::BTreeMap::new();
-        let first = loop {
-            let next = stream
-                .next_record()
-                .map_err(|damage| damage.to_error(path))?;
-            match next {
-                Some(Record::Metadata(metadata)) if metadata.name == PROJECT_NAME => {
-                    about = Some(Header::from_metadata(&metadata.metadata, path)?);
-                }
-                Some(Record::Attachment { header, data, .. }) => {
-                    files.insert(header.name, data.into_owned());
-                }
-                Some(Record::Header(_) | Record::Metadata(_)) => {}
-                other => break other,
-            }
-        };
+        let (mut records, first) = HeaderRecords::read_first(&mut stream);
+        let first = first.map_err(|damage| damage.to_error(path))?;
         if stream.is_cut_within_attachment() {
             bail!(
                 "{} is truncated within the files of its set-up, before its first image: nothing can be read of it. \
@@ -166,7 +150,8 @@ impl LogReader {
                 path.display()
             );
         }
-        let Some(header) = about else {
+        records.add_later(path)?;
+        let Some(metadata) = records.metadata else {
             bail!(
                 "{} is an MCAP file, but no log of mirrorball",
                 path.display()
@@ -175,8 +160,8 @@ impl LogReader {
         Ok(LogReader {
             path: path.to_owned(),
             header: Header {
-                files: translate_files(files),
-                ..header
+                files: translate_files(records.files),
+                ..Header::from_metadata(&metadata, path)?
             },
             stream,
             pending_record: first,

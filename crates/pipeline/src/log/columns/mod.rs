@@ -23,10 +23,11 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use localize::input_file;
 use mcap::records::{Record, op};
 
-use super::index::{WithoutChunks, read_summary, scan_chunks};
+use super::header_records::HeaderRecords;
+use super::index::{WithoutChunks, read_summary};
 use super::mcap_encoding::RECORD_HEADER_BYTES;
-use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, RecordReader, decode_chunk};
-use super::schema::PROJECT_NAME;
+use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, decode_chunk};
+use super::record_scan::scan_chunks;
 pub use field::{Field, FieldValue};
 use layout::Schema;
 use plan::ColumnTable;
@@ -60,7 +61,7 @@ struct Chunk {
 impl TopicReader {
     /// Opens a log of any version. Rejects files of other programs.
     pub fn open(path: &Path) -> Result<Self> {
-        let metadata = read_metadata(path)?.with_context(|| {
+        let metadata = HeaderRecords::read(path)?.metadata.with_context(|| {
             format!(
                 "{} is an MCAP file, but no log of mirrorball",
                 path.display()
@@ -71,7 +72,7 @@ impl TopicReader {
 
     /// Opens a log of any program.
     pub fn open_any(path: &Path) -> Result<Self> {
-        let metadata = read_metadata(path)?.unwrap_or_default();
+        let metadata = HeaderRecords::read(path)?.metadata.unwrap_or_default();
         TopicReader::open_with(path, metadata)
     }
 
@@ -189,13 +190,7 @@ impl TopicReader {
 
     /// Input files of the run by name: robot.toml, field.toml, …
     pub fn files(&self) -> Result<BTreeMap<String, Vec<u8>>> {
-        let mut files = BTreeMap::new();
-        read_head(&self.path, |record| {
-            if let Record::Attachment { header, data, .. } = record {
-                files.insert(header.name, data.into_owned());
-            }
-        })?;
-        Ok(files)
+        Ok(HeaderRecords::read(&self.path)?.files)
     }
 
     /// Number of chunks; `chunk_messages` takes their indices.
@@ -396,32 +391,6 @@ impl Chunk {
     fn overlaps(&self, range: &TimeRange) -> bool {
         self.times.0 < range.end && range.start <= self.times.1
     }
-}
-
-/// The metadata record of Mirrorball. `None` if the file has no such record before its first message.
-fn read_metadata(path: &Path) -> Result<Option<BTreeMap<String, String>>> {
-    let mut metadata = None;
-    read_head(path, |record| {
-        if let Record::Metadata(record) = record
-            && record.name == PROJECT_NAME
-        {
-            metadata = Some(record.metadata);
-        }
-    })?;
-    Ok(metadata)
-}
-
-/// Visits the records before the first schema, channel or message.
-fn read_head(path: &Path, mut visit: impl FnMut(Record<'static>)) -> Result<()> {
-    let mut records = RecordReader::open(path)?;
-    while let Ok(Some(record)) = records.next_record() {
-        match record {
-            Record::Header(_) => {}
-            Record::Metadata(_) | Record::Attachment { .. } => visit(record),
-            _ => break,
-        }
-    }
-    Ok(())
 }
 
 /// Sorts rows by log time. Rows of equal times keep their order in the file.

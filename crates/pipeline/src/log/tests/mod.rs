@@ -4,3 +4,4 @@ mod broken;
 mod format;
 mod index;
 mod kept;
+mod rewritten;

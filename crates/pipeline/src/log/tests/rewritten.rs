@@ -1,0 +1,63 @@
+//! Tests of logs that other programs have written again: order of records, repetitions, sizes of chunks.
+
+use std::path::Path;
+
+use mcap::{Attachment, WriteOptions};
+
+use crate::log::columns::TopicReader;
+use crate::log::{LogConfig, LogIndex, LogReader, recover};
+use crate::testing::{read, record};
+
+/// Writes a log again: its messages, each `times` times in a row, and then its metadata and attachments.
+fn rewrite(from: &Path, to: &Path, options: WriteOptions, times: usize) {
+    let bytes = std::fs::read(from).expect("a log");
+    let summary = mcap::Summary::read(&bytes)
+        .expect("readable")
+        .expect("a summary");
+    let file = std::io::BufWriter::new(std::fs::File::create(to).expect("a file"));
+    let mut writer = options.create(file).expect("a writer");
+    for message in mcap::MessageStream::new(&bytes).expect("messages") {
+        let message = message.expect("a message");
+        for _ in 0..times {
+            writer.write(&message).expect("written");
+        }
+    }
+    for index in &summary.metadata_indexes {
+        let metadata = mcap::read::metadata(&bytes, index).expect("metadata");
+        writer.write_metadata(&metadata).expect("written");
+    }
+    for index in &summary.attachment_indexes {
+        let Attachment { name, data, .. } =
+            mcap::read::attachment(&bytes, index).expect("an attachment");
+        writer
+            .attach(&Attachment {
+                log_time: 0,
+                create_time: 0,
+                name,
+                media_type: String::new(),
+                data,
+            })
+            .expect("written");
+    }
+    writer.finish().expect("finished");
+}
+
+#[test]
+fn metadata_and_files_may_stand_behind_the_messages() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [path, other, whole] = ["a.mcap", "b.mcap", "c.mcap"].map(|name| folder.path().join(name));
+    record(&path, 20, &LogConfig::default());
+    let header = LogReader::open(&path).expect("a log").header().clone();
+    for use_chunks in [true, false] {
+        let options = WriteOptions::new().use_chunks(use_chunks);
+        rewrite(&path, &other, options, 1);
+        assert_eq!(*LogReader::open(&other).expect("a log").header(), header);
+        assert_eq!(read(&other).len(), 20);
+        recover(&other, &whole).expect("recovered");
+        assert_eq!(read(&whole).len(), 20);
+        let index = LogIndex::open(&whole).expect("an index");
+        assert_eq!(*index.header(), header);
+        let topics = TopicReader::open(&whole).expect("topics");
+        assert_eq!(topics.files().expect("files"), header.files);
+    }
+}
