@@ -35,7 +35,11 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     if recovered.messages == 0 {
         std::fs::remove_file(&args.out)
             .with_context(|| format!("cannot remove {}", args.out.display()))?;
-        bail!("{}: no readable message", args.log.display());
+        let lost = match recovered.lost.is_empty() {
+            true => String::new(),
+            false => format!(" (lost {})", recovered.lost.join(", ")),
+        };
+        bail!("{}: no readable message{lost}", args.log.display());
     }
     let summary = Outcome {
         messages: recovered.messages,

@@ -3,7 +3,7 @@
 use anyhow::{Result, ensure};
 use mcap::records::ChunkHeader;
 
-/// Largest unpacked chunk, bytes. Mirrorball writes chunks of at most 1 MiB and one message.
+/// Largest unpacked chunk, bytes: docs/log.md. Mirrorball writes chunks of at most 1 MiB and one message.
 pub(super) const CHUNK_BYTES_MAX: u64 = 64 * 1024 * 1024;
 /// Unpacked size that every chunk may have, whatever its packed size, bytes. Images of one colour shrink a thousandfold.
 const CHUNK_BYTES_FREE: u64 = 8 * 1024 * 1024;
@@ -18,15 +18,23 @@ const FIELDS_HELD_MAX: usize = 1_000_000;
 /// Depth to which nested messages are counted. Those of Mirrorball have at most four levels.
 const DEPTH_MAX: u32 = 6;
 
+/// A part of the file is intact, and larger than this program reads.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}: more than this program reads ({1}, see docs/log.md)")]
+pub(super) struct BeyondLimit(pub(super) String, pub(super) String);
+
 /// Errors if a chunk says that it unpacks to more than allowed.
 pub(super) fn check_chunk(header: &ChunkHeader, packed_bytes: usize) -> Result<()> {
     let allowed = CHUNK_RATIO_MAX
         .saturating_mul(packed_bytes as u64)
         .clamp(CHUNK_BYTES_FREE, CHUNK_BYTES_MAX);
+    let size = header.uncompressed_size;
     ensure!(
-        header.uncompressed_size <= allowed,
-        "a chunk of {packed_bytes} bytes that unpacks to {} (expected at most {allowed})",
-        header.uncompressed_size
+        size <= allowed,
+        BeyondLimit(
+            format!("a chunk of {packed_bytes} bytes that unpacks to {size}"),
+            format!("{allowed} bytes")
+        )
     );
     Ok(())
 }

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 use std::fs::File;
-use std::io::{BufReader, ErrorKind, Read};
+use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, ensure};
@@ -12,7 +12,7 @@ use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::limits::{CHUNK_BYTES_MAX, CHUNK_RECORDS_MAX, check_chunk};
+use super::limits::{BeyondLimit, CHUNK_BYTES_MAX, CHUNK_RECORDS_MAX, check_chunk};
 use super::mcap_encoding::RECORD_HEADER_BYTES;
 
 /// Longest accepted record, bytes. A longer one has a damaged length and is not allocated.
@@ -25,11 +25,21 @@ pub(super) struct DamagedRange {
     pub(super) offset: u64,
     /// Description of the damage.
     pub(super) reason: String,
+    /// True if the part is intact and larger than this program reads.
+    pub(super) is_beyond_limit: bool,
 }
 
 impl DamagedRange {
     /// The error for readers that cannot skip it.
     pub(super) fn to_error(&self, path: &Path) -> anyhow::Error {
+        if self.is_beyond_limit {
+            return anyhow!(
+                "{} has at byte {} {}. Write the file again with smaller chunks",
+                path.display(),
+                self.offset,
+                self.reason
+            );
+        }
         anyhow!(
             "{} is damaged at byte {}: {}; `mirrorball recover` saves what can be read",
             path.display(),
@@ -52,6 +62,7 @@ pub enum LogCompleteness {
 pub(super) struct RecordReader {
     path: PathBuf,
     file: BufReader<File>,
+    size: u64,
     offset: u64,
     chunk: VecDeque<Record<'static>>,
     end: Option<LogCompleteness>,
@@ -64,6 +75,10 @@ impl RecordReader {
     pub(super) fn open(path: &Path) -> Result<Self> {
         let file =
             input_file::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let size = file
+            .metadata()
+            .with_context(|| format!("cannot read {}", path.display()))?
+            .len();
         let mut file = BufReader::new(file);
         let mut magic = Vec::new();
         (&mut file)
@@ -75,6 +90,7 @@ impl RecordReader {
         Ok(RecordReader {
             path: path.to_owned(),
             file,
+            size,
             offset,
             chunk: VecDeque::new(),
             end: None,
@@ -106,12 +122,19 @@ impl RecordReader {
                 self.end = Some(LogCompleteness::Truncated);
                 return Ok(None);
             };
-            let damage = |reason: String| DamagedRange { offset, reason };
+            let damage = |reason: String| DamagedRange {
+                offset,
+                reason,
+                is_beyond_limit: false,
+            };
             if opcode == op::ATTACHMENT && !is_complete_attachment(&body) {
                 return Err(damage("a broken attachment".to_owned()));
             }
             if opcode == op::CHUNK {
-                self.chunk = decode_chunk(&body).map_err(|error| damage(error.to_string()))?;
+                self.chunk = decode_chunk(&body).map_err(|error| DamagedRange {
+                    is_beyond_limit: error.is::<BeyondLimit>(),
+                    ..damage(error.to_string())
+                })?;
                 continue;
             }
             match parse_record(opcode, &body).map_err(|error| damage(error.to_string()))? {
@@ -154,6 +177,7 @@ impl RecordReader {
             offset: self.offset,
             reason: "the log ends, and more follows: of joined logs the first one is read"
                 .to_owned(),
+            is_beyond_limit: false,
         })
     }
 
@@ -165,6 +189,15 @@ impl RecordReader {
         }
         let [opcode, length @ ..] = prefix;
         let length = u64::from_le_bytes(length);
+        let next = self.offset.saturating_add(RECORD_HEADER_BYTES as u64);
+        let next = next.saturating_add(length);
+        if length > MAX_RECORD_BYTES && opcode == op::CHUNK && next <= self.size {
+            let reason = BeyondLimit(
+                format!("a chunk of {length} bytes"),
+                format!("{MAX_RECORD_BYTES} bytes"),
+            );
+            return Err(self.skip_to(next, &reason.to_string(), true));
+        }
         if length > MAX_RECORD_BYTES {
             // With this record's length, the start of the next one is unknown.
             self.end = Some(LogCompleteness::Truncated);
@@ -172,6 +205,7 @@ impl RecordReader {
             return Err(DamagedRange {
                 offset: self.offset,
                 reason,
+                is_beyond_limit: false,
             });
         }
         let mut body = Vec::new();
@@ -183,6 +217,19 @@ impl RecordReader {
             return Ok(None);
         }
         Ok(Some((opcode, body)))
+    }
+
+    /// Reading continues at `next`, after a part that cannot be read.
+    fn skip_to(&mut self, next: u64, reason: &str, is_beyond_limit: bool) -> DamagedRange {
+        let offset = std::mem::replace(&mut self.offset, next);
+        match self.file.seek(SeekFrom::Start(next)) {
+            Ok(_) => DamagedRange {
+                offset,
+                reason: reason.to_owned(),
+                is_beyond_limit,
+            },
+            Err(error) => self.io_damage(&error),
+        }
     }
 
     fn fill(&mut self, bytes: &mut [u8]) -> Result<bool, DamagedRange> {
@@ -198,6 +245,7 @@ impl RecordReader {
         DamagedRange {
             offset: self.offset,
             reason: format!("cannot read {}: {error}", self.path.display()),
+            is_beyond_limit: false,
         }
     }
 }
@@ -235,7 +283,10 @@ pub(super) fn decode_chunk(body: &[u8]) -> Result<VecDeque<Record<'static>>> {
                     .context("a chunk that unpacks to more than it says")?;
                 ensure!(
                     records.len() < CHUNK_RECORDS_MAX,
-                    "a chunk of more than {CHUNK_RECORDS_MAX} records"
+                    BeyondLimit(
+                        format!("a chunk of more than {CHUNK_RECORDS_MAX} records"),
+                        format!("{CHUNK_RECORDS_MAX} records")
+                    )
                 );
                 records.push_back(parse_record(opcode, data)?.into_owned());
             }

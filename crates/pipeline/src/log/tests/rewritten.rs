@@ -6,7 +6,7 @@ use mcap::{Attachment, WriteOptions};
 
 use crate::log::columns::TopicReader;
 use crate::log::{LogConfig, LogIndex, LogReader, recover};
-use crate::testing::{read, record};
+use crate::testing::{read, read_error, record};
 
 /// Writes a log again: its messages, each `times` times in a row, and then its metadata and attachments.
 fn rewrite(from: &Path, to: &Path, options: WriteOptions, times: usize) {
@@ -60,4 +60,22 @@ fn metadata_and_files_may_stand_behind_the_messages() {
         let topics = TopicReader::open(&whole).expect("topics");
         assert_eq!(topics.files().expect("files"), header.files);
     }
+}
+
+#[test]
+fn chunk_above_the_limit_is_no_damage() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [path, large, whole] = ["a.mcap", "b.mcap", "c.mcap"].map(|name| folder.path().join(name));
+    record(&path, 3, &LogConfig::default());
+    // One chunk of everything, without compression.
+    let options = WriteOptions::new().compression(None).chunk_size(None);
+    let bytes = std::fs::metadata(&path).expect("a log").len();
+    let times = 1 + (65 << 20) / bytes as usize;
+    rewrite(&path, &large, options, times);
+    let message = read_error(&large);
+    assert!(!message.contains("damaged") && !message.contains("recover"));
+    assert!(message.contains("67108864 bytes"), "{message}");
+    assert!(message.contains("smaller chunks"), "{message}");
+    let recovered = recover(&large, &whole).expect("recovered");
+    assert!(recovered.lost[0].contains("more than this program reads"));
 }
