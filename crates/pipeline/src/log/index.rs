@@ -4,7 +4,7 @@
 //! opened by its summary. A truncated file is scanned once, from chunk to chunk by their lengths.
 
 use std::collections::HashMap;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -12,7 +12,6 @@ use anyhow::{Context, Result, bail, ensure};
 use localize::Stamp;
 use localize::input_file;
 use mcap::records::{Record, op};
-use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions};
 use prost::Message;
 
 use super::encoded_image::EncodedImage;
@@ -25,6 +24,7 @@ use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, decode_chunk};
 use super::read::LoggedCycle;
 use super::record_scan::scan_chunks;
 use super::schema::{CYCLE_TOPIC, IMAGE_TOPIC, convert, decode_compressed_image, wire};
+use super::summary::{WithoutChunks, read_summary};
 use crate::config::PIPELINE_FILE;
 
 /// Number of chunks from which the topics of a truncated file are read. The first has all topics of Mirrorball.
@@ -328,40 +328,4 @@ fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
         }
     }
     Ok(Header { files, ..header })
-}
-
-/// A complete log of another writer, whose messages lie outside chunks.
-#[derive(Debug, thiserror::Error)]
-#[error(
-    "{}: its messages are not in chunks, which `mirrorball replay` alone reads: `mirrorball recover {} --out COPY.mcap` writes them in chunks",
-    .0.display(), .0.display()
-)]
-pub(super) struct WithoutChunks(PathBuf);
-
-/// Reads the summary at the end of a complete file. None without one. Errors for a file without chunks.
-pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
-    let mut file = BufReader::new(input_file::open(path)?);
-    let size = file.get_ref().metadata()?.len();
-    let options = SummaryReaderOptions::default()
-        .with_file_size(size)
-        .with_record_length_limit(MAX_RECORD_BYTES as usize);
-    let mut reader = SummaryReader::new_with_options(options);
-    while let Some(event) = reader.next_event() {
-        match event? {
-            SummaryReadEvent::ReadRequest(wanted) => {
-                let read = file.read(reader.insert(wanted))?;
-                reader.notify_read(read);
-            }
-            SummaryReadEvent::SeekRequest(to) => reader.notify_seeked(file.seek(to)?),
-        }
-    }
-    let Some(summary) = reader.finish() else {
-        return Ok(None);
-    };
-    let is_counted =
-        |stats: &mcap::records::Statistics| stats.message_count > 0 && stats.chunk_count == 0;
-    if summary.chunk_indexes.is_empty() && summary.stats.as_ref().is_some_and(is_counted) {
-        bail!(WithoutChunks(path.to_owned()));
-    }
-    Ok((!summary.chunk_indexes.is_empty()).then_some(summary))
 }

@@ -64,6 +64,8 @@ pub(super) struct RecordReader {
     file: BufReader<File>,
     size: u64,
     offset: u64,
+    /// Starts of the chunks by the file's index, ascending. After a damaged length, reading continues at the next one.
+    chunk_starts: VecDeque<u64>,
     chunk: VecDeque<Record<'static>>,
     end: Option<LogCompleteness>,
     /// Opcode of the record within which the file ended.
@@ -92,10 +94,17 @@ impl RecordReader {
             file,
             size,
             offset,
+            chunk_starts: VecDeque::new(),
             chunk: VecDeque::new(),
             end: None,
             cut_record: None,
         })
+    }
+
+    /// Gives the starts of the file's chunks, so that reading can continue after a damaged length.
+    pub(super) fn set_chunk_starts(&mut self, starts: impl Iterator<Item = u64>) {
+        self.chunk_starts = starts.collect();
+        self.chunk_starts.make_contiguous().sort_unstable();
     }
 
     /// How the file ended. None before the end is read.
@@ -191,6 +200,9 @@ impl RecordReader {
         let length = u64::from_le_bytes(length);
         let next = self.offset.saturating_add(RECORD_HEADER_BYTES as u64);
         let next = next.saturating_add(length);
+        if let Some(start) = self.next_chunk_start().filter(|start| next > *start) {
+            return Err(self.skip_to(start, "a record that reaches into the next chunk", false));
+        }
         if length > MAX_RECORD_BYTES && opcode == op::CHUNK && next <= self.size {
             let reason = BeyondLimit(
                 format!("a chunk of {length} bytes"),
@@ -217,6 +229,18 @@ impl RecordReader {
             return Ok(None);
         }
         Ok(Some((opcode, body)))
+    }
+
+    /// The first start of a chunk behind the current record's.
+    fn next_chunk_start(&mut self) -> Option<u64> {
+        while self
+            .chunk_starts
+            .front()
+            .is_some_and(|start| *start <= self.offset)
+        {
+            self.chunk_starts.pop_front();
+        }
+        self.chunk_starts.front().copied()
     }
 
     /// Reading continues at `next`, after a part that cannot be read.

@@ -22,6 +22,7 @@ mod record_scan;
 mod recover;
 pub mod schema;
 mod start;
+mod summary;
 #[cfg(test)]
 mod tests;
 mod unpack;

@@ -10,6 +10,7 @@ use mcap::{Attachment, WriteOptions, Writer};
 use vision::output_file::OutputFile;
 
 use super::mcap_records::{DamagedRange, LogCompleteness, RecordReader};
+use super::summary::intact_summary;
 
 /// Result of a recovery.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,13 +37,20 @@ pub fn recover(from: &Path, to: &Path) -> Result<RecoverySummary> {
         from.display()
     );
     let mut stream = RecordReader::open(from)?;
+    let summary = intact_summary(from).unwrap_or_default();
+    let chunks = summary.chunk_indexes.iter();
+    stream.set_chunk_starts(chunks.map(|chunk| chunk.chunk_start_offset));
     OutputFile::create(to)
         .map_err(anyhow::Error::from)
-        .and_then(|file| copy_records(&mut stream, file))
+        .and_then(|file| copy_records(&mut stream, summary, file))
         .with_context(|| format!("cannot write {}", to.display()))
 }
 
-fn copy_records(stream: &mut RecordReader, file: OutputFile) -> Result<RecoverySummary> {
+fn copy_records(
+    stream: &mut RecordReader,
+    summary: mcap::Summary,
+    file: OutputFile,
+) -> Result<RecoverySummary> {
     let mut recovered = RecoverySummary {
         messages: 0,
         until: None,
@@ -69,6 +77,7 @@ fn copy_records(stream: &mut RecordReader, file: OutputFile) -> Result<RecoveryS
         writer: options.create(file)?,
         schemas: HashMap::new(),
         channels: HashMap::new(),
+        summary,
     };
     let mut strays = 0_u64;
     while let Some(record) = next {
@@ -118,6 +127,8 @@ struct LogCopier {
     writer: Writer<OutputFile>,
     schemas: HashMap<u16, u16>,
     channels: HashMap<u16, u16>,
+    /// Schemas and channels whose records in the data are lost.
+    summary: mcap::Summary,
 }
 
 enum CopiedRecord {
@@ -138,10 +149,10 @@ impl LogCopier {
             Record::Channel(channel) => {
                 // Schema 0 means no schema.
                 let schema = match channel.schema_id {
-                    0 => Some(&0),
-                    id => self.schemas.get(&id),
+                    0 => Some(0),
+                    id => self.schema_id(id)?,
                 };
-                let Some(&schema) = schema else {
+                let Some(schema) = schema else {
                     return Ok(CopiedRecord::Orphan);
                 };
                 let (topic, encoding) = (&channel.topic, &channel.message_encoding);
@@ -151,7 +162,7 @@ impl LogCopier {
                 self.channels.insert(channel.id, id);
             }
             Record::Message { header, data } => {
-                let Some(&channel_id) = self.channels.get(&header.channel_id) else {
+                let Some(channel_id) = self.channel_id(header.channel_id)? else {
                     return Ok(CopiedRecord::Orphan);
                 };
                 let log_time = header.log_time;
@@ -175,5 +186,31 @@ impl LogCopier {
             _ => {}
         }
         Ok(CopiedRecord::Other)
+    }
+
+    /// The copy's number of a schema. None if its record is lost, and the summary does not have it.
+    fn schema_id(&mut self, id: u16) -> Result<Option<u16>> {
+        if let (None, Some(schema)) = (self.schemas.get(&id), self.summary.schemas.get(&id)) {
+            let (name, encoding) = (&schema.name, &schema.encoding);
+            let copied = self.writer.add_schema(name, encoding, &schema.data)?;
+            self.schemas.insert(id, copied);
+        }
+        Ok(self.schemas.get(&id).copied())
+    }
+
+    /// The copy's number of a channel. None if its record is lost, and the summary does not have it.
+    fn channel_id(&mut self, id: u16) -> Result<Option<u16>> {
+        if let (None, Some(channel)) = (self.channels.get(&id), self.summary.channels.get(&id)) {
+            let channel = channel.clone();
+            let schema = match &channel.schema {
+                Some(schema) => self.schema_id(schema.id)?.unwrap_or(0),
+                None => 0,
+            };
+            let (topic, encoding) = (&channel.topic, &channel.message_encoding);
+            let metadata = &channel.metadata;
+            let copied = self.writer.add_channel(schema, topic, encoding, metadata)?;
+            self.channels.insert(id, copied);
+        }
+        Ok(self.channels.get(&id).copied())
     }
 }

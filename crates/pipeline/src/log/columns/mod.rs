@@ -24,10 +24,10 @@ use localize::input_file;
 use mcap::records::{Record, op};
 
 use super::header_records::HeaderRecords;
-use super::index::{WithoutChunks, read_summary};
 use super::mcap_encoding::RECORD_HEADER_BYTES;
 use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, decode_chunk};
 use super::record_scan::scan_chunks;
+use super::summary::{WithoutChunks, read_summary};
 pub use field::{Field, FieldValue};
 use layout::Schema;
 use plan::ColumnTable;

@@ -119,6 +119,54 @@ fn damaged_log_reports_the_offset_and_recover_skips_the_damage() {
     );
 }
 
+/// Start of the first chunk of a log, bytes.
+fn first_chunk(bytes: &[u8]) -> usize {
+    let summary = mcap::Summary::read(bytes).expect("readable");
+    let chunks = summary.expect("a summary").chunk_indexes;
+    let starts = chunks.iter().map(|chunk| chunk.chunk_start_offset);
+    starts.min().expect("a chunk") as usize
+}
+
+#[test]
+fn loss_of_the_first_chunk_loses_no_other_messages() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [path, whole] = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    record(&path, 300, &LogConfig::default());
+    let bytes = std::fs::read(&path).expect("a log");
+    let chunk = first_chunk(&bytes);
+    // A byte of the chunk's content, and lengths that are huge or wrong by 64 KiB.
+    for (at, bit) in [(chunk + 200, 1), (chunk + 8, 0x40), (chunk + 3, 1)] {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= bit;
+        std::fs::write(&path, &damaged).expect("damaged");
+        let recovered = recover(&path, &whole).expect("recovered");
+        assert!(
+            (1..=2).contains(&recovered.lost.len()),
+            "{:?}",
+            recovered.lost
+        );
+        let indices: Vec<u64> = read(&whole).iter().map(|logged| logged.index).collect();
+        assert!(indices.len() > 200 && indices.last() == Some(&299), "{at}");
+    }
+}
+
+#[test]
+fn damaged_summary_is_not_used() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [path, whole] = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    record(&path, 300, &LogConfig::default());
+    let mut bytes = std::fs::read(&path).expect("a log");
+    let chunk = first_chunk(&bytes);
+    bytes[chunk + 200] ^= 1;
+    let topic = b"/pose";
+    let last = bytes.windows(topic.len()).rposition(|part| part == topic);
+    bytes[last.expect("a channel of the summary") + 1] ^= 1;
+    std::fs::write(&path, &bytes).expect("damaged");
+    let recovered = recover(&path, &whole).expect("recovered");
+    assert_eq!(recovered.messages, 0);
+    assert!(recovered.lost[1].contains("whose channel was in a lost part"));
+}
+
 #[test]
 fn log_that_ends_within_a_file_of_its_set_up_is_called_truncated() {
     let folder = tempfile::tempdir().expect("a folder");
