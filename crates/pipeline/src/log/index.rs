@@ -182,17 +182,26 @@ impl LogIndex {
         let mut cycles = Vec::new();
         let mut fallback = FallbackReader::default();
         let mut budget = FieldBudget::default();
+        let mut last_cycle: Option<(u64, Vec<u8>)> = None;
         for (topic, time, data) in self.read_chunk_messages(part)? {
             budget
                 .add_message(&data)
                 .with_context(|| self.path.display().to_string())?;
             match topic.as_str() {
                 IMAGE_TOPIC => drop(images.insert(time, decode_compressed_image(&data)?)),
-                CYCLE_TOPIC => match wire::Cycle::decode(&data[..]) {
-                    Ok(message) => cycles.push((time, message)),
-                    // Another version wrote it, so its other topics are shown.
-                    Err(_) => fallback.add_cycle(time),
-                },
+                // As in `LogReader`: a message that stands twice is one cycle.
+                CYCLE_TOPIC
+                    if last_cycle
+                        .as_ref()
+                        .is_some_and(|(at, last)| *at == time && *last == data) => {}
+                CYCLE_TOPIC => {
+                    match wire::Cycle::decode(&data[..]) {
+                        Ok(message) => cycles.push((time, message)),
+                        // Another version wrote it, so its other topics are shown.
+                        Err(_) => fallback.add_cycle(time),
+                    }
+                    last_cycle = Some((time, data));
+                }
                 _ if self.cycles_readable => {}
                 topic => fallback.add_message(topic, time, &data),
             }

@@ -1,5 +1,6 @@
 //! What did a log record? A header, then cycles in the order of writing, one at a time in memory.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -57,6 +58,8 @@ pub struct LogReader {
     pending_record: Option<Record<'static>>,
     topics: HashMap<u16, TopicKind>,
     assembler: CycleAssembler,
+    /// Time and content of the last cycle's message.
+    last_message: Option<(u64, Cow<'static, [u8]>)>,
     last_stamp: Option<Stamp>,
     failed: bool,
 }
@@ -167,6 +170,7 @@ impl LogReader {
             pending_record: first,
             topics: HashMap::new(),
             assembler: CycleAssembler::default(),
+            last_message: None,
             last_stamp: None,
             failed: false,
         })
@@ -204,11 +208,17 @@ impl LogReader {
                     let Some(topic) = self.topics.get(&header.channel_id) else {
                         bail!("a message without a channel");
                     };
-                    let logged = self
-                        .assembler
-                        .push_message(*topic, header.log_time, &data)?;
+                    let message = (header.log_time, data);
+                    // Programs that join logs may write a message twice.
+                    if *topic == TopicKind::Cycle && self.last_message.as_ref() == Some(&message) {
+                        continue;
+                    }
+                    let logged =
+                        self.assembler
+                            .push_message(*topic, header.log_time, &message.1)?;
                     if let Some(logged) = logged {
                         self.last_stamp = Some(logged.cycle.stamp);
+                        self.last_message = Some(message);
                         return Ok(Some(logged));
                     }
                 }

@@ -63,6 +63,18 @@ fn metadata_and_files_may_stand_behind_the_messages() {
 }
 
 #[test]
+fn message_that_stands_twice_is_one_cycle() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [path, twice] = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    record(&path, 20, &LogConfig::default());
+    rewrite(&path, &twice, WriteOptions::new(), 2);
+    let indices = read(&twice).into_iter().map(|logged| logged.index);
+    assert!(indices.eq(0..20));
+    let index = LogIndex::open(&twice).expect("an index");
+    assert_eq!(index.load(0).expect("cycles").len(), 20);
+}
+
+#[test]
 fn chunk_above_the_limit_is_no_damage() {
     let folder = tempfile::tempdir().expect("a folder");
     let [path, large, whole] = ["a.mcap", "b.mcap", "c.mcap"].map(|name| folder.path().join(name));
