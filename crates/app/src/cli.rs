@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use pipeline::message_text::{error_message, printable};
 
 use crate::commands::arguments::UsageError;
 use crate::commands::{
@@ -57,19 +58,6 @@ enum Command {
     Script(script::Args),
 }
 
-/// The error and its causes, each once: many errors already contain the message of their cause.
-fn message(error: &anyhow::Error) -> String {
-    let mut message = String::new();
-    for cause in error.chain().map(ToString::to_string) {
-        if message.is_empty() {
-            message = cause;
-        } else if !message.contains(&cause) {
-            message = format!("{message}: {cause}");
-        }
-    }
-    message
-}
-
 /// Parses the arguments of this process and runs the command.
 pub fn run() -> ExitCode {
     let cli = match Cli::try_parse() {
@@ -108,7 +96,7 @@ pub fn run() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("mirrorball: {}", message(&error));
+            eprintln!("mirrorball: {}", printable(&error_message(&error)));
             ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
         }
     }

@@ -37,6 +37,7 @@ pub mod multi_robot;
 
 pub mod setup_check;
 
+pub mod message_text;
 pub mod result_files;
 pub mod score;
 

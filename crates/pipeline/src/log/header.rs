@@ -13,6 +13,7 @@ use vision::output_file::write_file;
 use super::encoded_image::ImageCompression;
 use super::schema::{FORMAT_VERSION, PROJECT_NAME, wire};
 use crate::config::{PIPELINE_FILE, translate};
+use crate::message_text::printable_line;
 
 /// Largest file of a robot that a log takes, bytes.
 const FILE_BYTES_MAX: u64 = 1 << 30;
@@ -314,6 +315,11 @@ impl Header {
 
     /// Reads the metadata record of the log at `path`. Rejects other log formats.
     pub(crate) fn from_metadata(values: &BTreeMap<String, String>, path: &Path) -> Result<Self> {
+        // Every text is shown to an operator, and another program may have written it.
+        let values: BTreeMap<&str, String> = values
+            .iter()
+            .map(|(key, value)| (key.as_str(), printable_line(value)))
+            .collect();
         let value = |key: &str| {
             values.get(key).with_context(|| {
                 format!("{}: its {PROJECT_NAME} record has no {key}", path.display())

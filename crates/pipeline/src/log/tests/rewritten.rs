@@ -5,7 +5,7 @@ use std::path::Path;
 use mcap::{Attachment, WriteOptions};
 
 use crate::log::columns::TopicReader;
-use crate::log::{LogConfig, LogIndex, LogReader, recover};
+use crate::log::{Header, LogConfig, LogIndex, LogReader, recover};
 use crate::testing::{read, read_error, record};
 
 /// Writes a log again: its messages, each `times` times in a row, and then its metadata and attachments.
@@ -72,6 +72,14 @@ fn message_that_stands_twice_is_one_cycle() {
     assert!(indices.eq(0..20));
     let index = LogIndex::open(&twice).expect("an index");
     assert_eq!(index.load(0).expect("cycles").len(), 20);
+}
+
+#[test]
+fn control_characters_of_the_metadata_are_escaped() {
+    let mut header = Header::new("test", None);
+    header.version = "9\u{1b}[31m".to_owned();
+    let read = Header::from_metadata(&header.metadata(), Path::new("a.mcap")).expect("a header");
+    assert_eq!(read.version, "9\\u{1b}[31m");
 }
 
 #[test]
