@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
+use pipeline::csv_table::format_seconds;
 use pipeline::log::{
     self, Difference, LogCompleteness, LogReader, UnpackedSetup, VerificationReport,
 };
@@ -169,7 +170,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         }) => bail!(
             "{}: at {} s {quantity} differs: recorded {recorded}, computed {computed}",
             args.log.display(),
-            stamp.seconds()
+            format_seconds(stamp)
         ),
     }
 }
@@ -267,13 +268,13 @@ fn print(report: &VerificationReport) {
     if let Some(gap) = gap {
         println!(
             "not verified: {unverified} cycles after one that was dropped at {} s",
-            gap.seconds()
+            format_seconds(*gap)
         );
     }
     for stamp in resumed {
         println!(
             "verified again from {} s on, where the log holds the state of the pipeline",
-            stamp.seconds()
+            format_seconds(*stamp)
         );
     }
     if *end == LogCompleteness::Truncated {

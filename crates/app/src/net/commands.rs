@@ -120,7 +120,12 @@ impl CommandFilter {
         let command = if content.first() == Some(&b'{') {
             serde_json::from_slice(content).map_err(|_foreign| RejectReason::Foreign)?
         } else {
-            Command::decode(content).map_err(|_foreign| RejectReason::Foreign)?
+            let command = Command::decode(content).map_err(|_foreign| RejectReason::Foreign)?;
+            // Other bytes, none among them, may decode by chance. They lack a version then.
+            if command.version == 0 {
+                return Err(RejectReason::Foreign);
+            }
+            command
         };
         if command.version != VERSION {
             return Err(RejectReason::Version);

@@ -248,6 +248,13 @@ fn command_is_delivered_once_and_its_validity_is_capped() {
 }
 
 #[test]
+fn empty_datagram_is_no_message() {
+    let mut filter = CommandFilter::new(&CommandConfig::default(), IDENTITY).expect("a filter");
+    let refused = filter.accept(&[], Stamp(0)).map(|_| ());
+    assert_eq!(refused, Err(RejectReason::Foreign));
+}
+
+#[test]
 fn remote_commands_require_a_key() {
     let mut config = CommandConfig {
         bind: "0.0.0.0:0".to_owned(),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use pipeline::Cycle;
 use pipeline::result_files::CsvOutputs;
 
@@ -15,11 +15,12 @@ const QUEUE_CAPACITY: usize = 300;
 /// Writes poses.csv. The file gets its name at the end of the run.
 pub(super) struct PoseWriter {
     queue: SyncSender<Arc<Cycle>>,
-    thread: JoinHandle<Result<()>>,
+    /// None after it has ended before the run.
+    thread: Option<JoinHandle<Result<()>>>,
+    /// Why it has ended, which has been reported.
+    failure: Option<String>,
     /// Rows that the disk was too slow for.
     rows_lost: u64,
-    /// The thread has ended, which has been reported.
-    has_failed: bool,
 }
 
 impl PoseWriter {
@@ -37,9 +38,9 @@ impl PoseWriter {
             .spawn(write)?;
         Ok(PoseWriter {
             queue,
-            thread,
+            thread: Some(thread),
+            failure: None,
             rows_lost: 0,
-            has_failed: false,
         })
     }
 
@@ -51,22 +52,54 @@ impl PoseWriter {
                 self.rows_lost += 1;
                 None
             }
-            Err(TrySendError::Disconnected(_)) if self.has_failed => None,
             Err(TrySendError::Disconnected(_)) => {
-                self.has_failed = true;
-                Some("cannot write the poses. The run continues without them".to_owned())
+                let thread = self.thread.take()?;
+                let reason = join(thread).err().map(|error| format!("{error:#}"))?;
+                let message = format!("{reason}. The run continues without them");
+                self.failure = Some(reason);
+                Some(message)
             }
         }
     }
 
-    /// Completes the table. Returns the number of rows that the disk was too slow for.
+    /// Completes the table. Errors if it cannot be written, reported or not. Returns the number of rows that the disk was too slow for.
     pub(super) fn finish(self) -> Result<u64> {
         drop(self.queue);
-        self.thread
-            .join()
-            .map_err(|_reported| anyhow!("the writer thread panicked"))
-            .flatten()
-            .context("cannot write the poses")?;
+        if let Some(reason) = self.failure {
+            bail!(reason);
+        }
+        self.thread.map_or(Ok(()), join)?;
         Ok(self.rows_lost)
+    }
+}
+
+fn join(thread: JoinHandle<Result<()>>) -> Result<()> {
+    thread
+        .join()
+        .map_err(|_reported| anyhow!("the writer thread panicked"))
+        .flatten()
+        .context("cannot write the poses")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failure_is_reported_once_with_its_reason_and_again_at_the_end() {
+        let (queue, cycles) = sync_channel(QUEUE_CAPACITY);
+        drop(cycles);
+        let mut writer = PoseWriter {
+            queue,
+            thread: Some(std::thread::spawn(|| Err(anyhow!("poses.csv: disk full")))),
+            failure: None,
+            rows_lost: 0,
+        };
+        let cycle = Arc::new(pipeline::testing::random_cycle(0));
+        let reason = "cannot write the poses: poses.csv: disk full";
+        let message = format!("{reason}. The run continues without them");
+        assert_eq!(writer.write_cycle(&cycle), Some(message));
+        assert_eq!(writer.write_cycle(&cycle), None);
+        assert_eq!(writer.finish().expect_err("incomplete").to_string(), reason);
     }
 }

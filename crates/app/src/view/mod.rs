@@ -166,6 +166,12 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
 /// Fails for a file that is not there: no display would show it.
 fn ensure_exists(source: &Path) -> Result<()> {
     if !source::is_stream_address(source) {
+        if let Some(port) = source::invalid_port(source) {
+            bail!(
+                "{}: invalid port: {port} (expected 0 to 65535)",
+                source.display()
+            );
+        }
         std::fs::metadata(source).with_context(|| format!("cannot read {}", source.display()))?;
     }
     Ok(())

@@ -197,7 +197,8 @@ fn rest_intervals(wheels: &[WheelSpeed]) -> Vec<(f64, f64)> {
 
 fn rest(readings: &[Reading], wheels: &[WheelSpeed]) -> Result<Rest, ImuFitError> {
     let intervals = rest_intervals(wheels);
-    let seconds: f64 = intervals.iter().map(|(from, to)| to - from).sum();
+    // The sum of no durations is -0.
+    let seconds: f64 = 0.0 + intervals.iter().map(|(from, to)| to - from).sum::<f64>();
     let resting: Vec<&Reading> = readings
         .iter()
         .filter(|reading| {
@@ -419,4 +420,36 @@ fn rpy(rotation: &Rotation3<f64>) -> (f64, f64, f64) {
         math::asin((-m[(2, 0)]).clamp(-1.0, 1.0)),
         math::atan2(m[(1, 0)], m[(0, 0)]),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stamp::Stamp;
+
+    #[test]
+    fn drive_without_rest_has_zero_seconds_of_it() {
+        let stamp = |number: i64| Stamp(number * 10_000_000);
+        let wheels: Vec<Odometry> = (0..100)
+            .map(|number| Odometry {
+                stamp: stamp(number),
+                dx: 0.01,
+                dy: 0.0,
+                dtheta: 0.0,
+                slip: 0.0,
+            })
+            .collect();
+        let readings: Vec<Imu> = (0..100)
+            .map(|number| Imu {
+                stamp: stamp(number),
+                specific_force: [0.0, 0.0, 9.81],
+                angular_velocity: [0.0; 3],
+            })
+            .collect();
+        let error = fit_imu(&readings, &wheels).expect_err("no rest");
+        assert!(
+            error.to_string().starts_with("only 0.0 s at rest"),
+            "{error}"
+        );
+    }
 }

@@ -5,6 +5,7 @@ use tempfile::TempDir;
 
 use super::header::Header;
 use crate::config::{PIPELINE_FILE, PipelineConfig};
+use crate::message_text::error_message;
 use crate::setup::Setup;
 
 /// The set-up that a log or a live stream holds.
@@ -37,5 +38,28 @@ impl UnpackedSetup {
 /// The files are in the log; the temporary folder means nothing to the user.
 fn name_log(error: &anyhow::Error, folder: &TempDir) -> anyhow::Error {
     let unpacked = format!("{}/", folder.path().display());
-    anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
+    anyhow!(error_message(error).replace(&unpacked, "the log's "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn problem_of_the_logs_files_is_stated_once() {
+        let header = Header::new("test", None);
+        let error = UnpackedSetup::load(&header).err().expect("no robot.toml");
+        let error = format!("{error:#}");
+        assert!(error.contains("the log's robot.toml"), "{error}");
+        assert_eq!(error.matches("No such file").count(), 1, "{error}");
+        let mut config = crate::testing::field().config;
+        config.length = f32::NAN;
+        let field = toml::to_string(&config).expect("a field");
+        let header = header
+            .with_file("robot.toml", "field = \"field.toml\"\n")
+            .with_file("field.toml", field);
+        let error = UnpackedSetup::load(&header).err().expect("no length");
+        let error = format!("{error:#}");
+        assert_eq!(error.matches("must be").count(), 1, "{error}");
+    }
 }

@@ -126,12 +126,35 @@ pub(super) fn first_difference(
     let [ours, theirs] = [recorded, computed].map(|cycle| convert::cycle_to_wire(0, cycle, ""));
     for (quantity, a, b) in comparable_values(&ours, &theirs, compare_world) {
         if a.0 != b.0 {
-            return difference(quantity, a.1, b.1, stamp);
+            let (recorded, computed) = different_lines(&a.1, &b.1);
+            return difference(quantity, recorded, computed, stamp);
         }
     }
     None
 }
 
+/// The first value in which two descriptions differ, a value per line.
+fn different_lines(ours: &str, theirs: &str) -> (String, String) {
+    let mut lines = ours.lines().zip(theirs.lines());
+    let text = |line: &str| match line.trim().trim_end_matches(',') {
+        "None" => "none".to_owned(),
+        "Some(" => "a value".to_owned(),
+        // The end of a list that is shorter than the other one.
+        "]" | ")" | "}" => "no further value".to_owned(),
+        opening if opening.ends_with('{') => "a further value".to_owned(),
+        value => value.to_owned(),
+    };
+    match lines.find(|(ours, theirs)| ours != theirs) {
+        Some((ours, theirs)) => (text(ours), text(theirs)),
+        // Values that a summary does not show.
+        None => (
+            text(ours.lines().next().unwrap_or_default()),
+            "other values".to_owned(),
+        ),
+    }
+}
+
+/// Bytes to compare, and a description for people.
 type ComparableValue = (Vec<u8>, String);
 
 fn comparable_values(
@@ -141,7 +164,7 @@ fn comparable_values(
 ) -> Vec<(&'static str, ComparableValue, ComparableValue)> {
     let (a, b) = (ours, theirs);
     let text = |value: &dyn std::fmt::Debug| {
-        let text = format!("{value:?}");
+        let text = format!("{value:#?}");
         (text.clone().into_bytes(), text)
     };
     let mut parts = vec![
@@ -176,7 +199,7 @@ fn comparable_values(
         ("covariance", text(&a.covariance), text(&b.covariance)),
         ("runners-up", text(&a.runners_up), text(&b.runners_up)),
     ]);
-    let whole = |estimate: &wire::Estimate| (estimate.encode_to_vec(), format!("{estimate:?}"));
+    let whole = |estimate: &wire::Estimate| (estimate.encode_to_vec(), format!("{estimate:#?}"));
     parts.push(("estimate", whole(a), whole(b)));
     if compare_world {
         parts.push(("world", text(&ours.world), text(&theirs.world)));

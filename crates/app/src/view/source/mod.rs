@@ -28,6 +28,14 @@ pub(crate) fn is_stream_address(path: &Path) -> bool {
     !path.exists() && (text.starts_with("ws://") || matches!(port, Some(Ok(_))))
 }
 
+/// The number after `host:` where it is no port, unless it is a file's name.
+pub(crate) fn invalid_port(path: &Path) -> Option<String> {
+    let text = path.to_string_lossy();
+    let (_, port) = text.rsplit_once(':')?;
+    let is_number = !port.is_empty() && port.bytes().all(|byte| byte.is_ascii_digit());
+    (is_number && !path.exists() && port.parse::<u16>().is_err()).then(|| port.to_owned())
+}
+
 /// A source of cycles.
 pub(crate) enum Source {
     /// No source.
@@ -90,5 +98,18 @@ impl Source {
             Source::Live(live) => live.worker(),
             _ => None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn number_that_is_no_port_is_named() {
+        let port = |text: &str| invalid_port(Path::new(text));
+        assert_eq!(port("127.0.0.1:99999").as_deref(), Some("99999"));
+        assert_eq!(port("robot:8765"), None);
+        assert_eq!(port("no/such/run.mcap"), None);
     }
 }

@@ -82,6 +82,24 @@ fn single_bit_flip_is_detected() {
 }
 
 #[test]
+fn difference_names_the_value_that_differs() {
+    let recorded = random_cycle(5);
+    let mut other = recorded.clone();
+    let pose = recorded.estimate.pose.expect("a pose");
+    other.estimate.pose = Some(Pose::new(pose.x, 7.5, pose.theta));
+    let difference = first_difference(&recorded, &other, true).expect("a difference");
+    assert_eq!(difference.quantity, "pose");
+    assert_eq!(difference.recorded, format!("y: {:?}", pose.y));
+    assert_eq!(difference.computed, "y: 7.5");
+    other.estimate.pose = None;
+    let difference = first_difference(&recorded, &other, true).expect("a difference");
+    assert_eq!(
+        (&*difference.recorded, &*difference.computed),
+        ("a value", "none")
+    );
+}
+
+#[test]
 fn export_writes_a_complete_recording_or_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, out) = (
