@@ -55,7 +55,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
     /// Simulate the robot's hardware in real time: serial lines and a camera socket in this folder, with the robot.toml
-    /// and hardware.toml for `run --robot DIR`. The base board drives the wheels.
+    /// and hardware.toml for `run --robot DIR`. The base board drives the wheels. Excludes `--record`, `--out`, `--config`,
+    /// `--preset`, `--set` and `--set-config`: values of the scenario are changed in its file.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["record", "out", "config", "preset", "set", "set_config"])]
     hardware: Option<PathBuf>,
     /// Faults of the hardware and their times (TOML).
@@ -79,7 +80,7 @@ pub(crate) struct Args {
     /// Override settings of vision and localization by a TOML file.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// Override a value of the scenario, as path.speed=2.0; may be given several times.
+    /// Override a value of the scenario, as path.speed=2.0; may be given several times. Not with `--hardware`.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Override a setting, as localize.matching.steps_max=20; may be given several times.

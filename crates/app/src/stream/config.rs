@@ -18,7 +18,7 @@ pub(crate) struct StreamConfig {
     pub bind: String,
     /// TCP port; 0 selects a free one.
     pub port: u16,
-    /// Image format: `jpeg` needs a tenth of `png`; `none` leaves images out.
+    /// Image format: `jpeg` needs a tenth of `png` at quality 80; `none` leaves images out.
     pub images: ImageCompression,
     /// Quality of JPEG images, 1 to 100.
     pub jpeg_quality: u8,
