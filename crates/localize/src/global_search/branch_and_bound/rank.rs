@@ -1,13 +1,16 @@
 //! Ranking of pose candidates: each is refined by matching, deduplicated and weighted by likelihood.
 
+use nalgebra::Matrix3;
+
 use super::{BranchAndBound, HeadingPrior, Hypothesis, half_turn};
 use crate::frames::{Pose, wrap_angle};
-use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::matching::{Match, Matcher};
 use crate::math;
 use crate::sample::LinePoint;
 
 /// A hypothesis and its cost, a negative log likelihood.
+#[derive(Clone)]
 struct RankedHypothesis {
     cost: f32,
     hypothesis: Hypothesis,
@@ -38,18 +41,22 @@ impl BranchAndBound {
             if ranked.iter().any(is_duplicate) {
                 continue;
             }
-            let heading_cost = prior.map_or(0.0, |prior| {
-                0.5 * (wrap_angle(matched.pose.theta - prior.heading) / prior.std).powi(2)
-            });
-            ranked.push(RankedHypothesis {
-                cost: self.config.likelihood_exponent * matched.cost
-                    + matcher.tilt_cost(matched.tilt)
-                    + heading_cost,
-                hypothesis: Hypothesis::from_match(&matched),
-            });
+            ranked.push(self.ranked(matcher, &matched, prior));
+        }
+        ranked.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        if let Some(best) = ranked.first_mut() {
+            let nearby: Vec<RankedHypothesis> = nearby_starts(&best.hypothesis)
+                .map(|start| {
+                    let matched = matcher.refine(distances, &selected_points, start, NEARBY_STEP);
+                    self.ranked(matcher, &matched, prior)
+                })
+                .filter(|other| {
+                    self.is_same_hypothesis(best.hypothesis.pose, other.hypothesis.pose)
+                })
+                .collect();
+            best.join(nearby);
         }
         self.search.selected_points = selected_points;
-        ranked.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         if self.search.fold_half_turn {
             ranked = ranked
                 .into_iter()
@@ -63,6 +70,80 @@ impl BranchAndBound {
                 .collect();
         }
         normalise_probabilities(ranked)
+    }
+}
+
+impl BranchAndBound {
+    fn ranked(
+        &self,
+        matcher: &Matcher,
+        matched: &Match,
+        prior: Option<HeadingPrior>,
+    ) -> RankedHypothesis {
+        let heading_cost = prior.map_or(0.0, |prior| {
+            0.5 * (wrap_angle(matched.pose.theta - prior.heading) / prior.std).powi(2)
+        });
+        RankedHypothesis {
+            cost: self.config.likelihood_exponent * matched.cost
+                + matcher.tilt_cost(matched.tilt)
+                + heading_cost,
+            hypothesis: Hypothesis::from_match(matched),
+        }
+    }
+}
+
+/// Steps from the best pose along its least certain direction, metres, from which the points are matched again: where few
+/// markings tell, the cost has several minima closer together than two hypotheses.
+const NEARBY_STEP: f32 = 0.1;
+const NEARBY_STEPS: [f32; 6] = [-3.0, -2.0, -1.0, 1.0, 2.0, 3.0];
+
+/// Minima nearer than this are one, metres.
+const SAME_MINIMUM: f32 = 0.03;
+
+/// Poses beside a hypothesis along its least certain direction, with the heading that goes with them.
+fn nearby_starts(hypothesis: &Hypothesis) -> impl Iterator<Item = Pose> {
+    let (pose, p) = (hypothesis.pose, &hypothesis.covariance);
+    // Eigenvector of the larger eigenvalue.
+    let angle = 0.5 * math::atan2(2.0 * p[(0, 1)], p[(0, 0)] - p[(1, 1)]);
+    let (sin, cos) = math::sin_cos(angle);
+    let variance = cos * cos * p[(0, 0)] + 2.0 * sin * cos * p[(0, 1)] + sin * sin * p[(1, 1)];
+    let turn = (cos * p[(0, 2)] + sin * p[(1, 2)]) / variance.max(f32::MIN_POSITIVE);
+    NEARBY_STEPS.into_iter().map(move |steps| {
+        let step = steps * NEARBY_STEP;
+        Pose::new(
+            pose.x + step * cos,
+            pose.y + step * sin,
+            pose.theta + step * turn,
+        )
+    })
+}
+
+impl RankedHypothesis {
+    /// Becomes the best of minima near each other, with the covariance of all of them.
+    fn join(&mut self, nearby: Vec<RankedHypothesis>) {
+        let mut minima = vec![self.clone()];
+        for other in nearby {
+            let at = other.hypothesis.pose.origin();
+            let same = minima
+                .iter_mut()
+                .find(|known| known.hypothesis.pose.origin().distance_to(at) < SAME_MINIMUM);
+            match same {
+                Some(known) if other.cost < known.cost => *known = other,
+                Some(_) => {}
+                None => minima.push(other),
+            }
+        }
+        minima.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let best = &minima[0];
+        let (mut weights, mut covariance) = (0.0, Matrix3::zeros());
+        for minimum in &minima {
+            let weight = math::exp(best.cost - minimum.cost);
+            let offset = (minimum.hypothesis.pose).difference(best.hypothesis.pose);
+            covariance += (minimum.hypothesis.covariance + offset * offset.transpose()) * weight;
+            weights += weight;
+        }
+        *self = best.clone();
+        self.hypothesis.covariance = covariance / weights;
     }
 }
 
