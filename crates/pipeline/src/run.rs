@@ -461,7 +461,7 @@ impl RecordingRun {
         }
         let summary = statistics.summary();
         let mut warnings = report.warnings;
-        warnings.extend(nothing_located(&summary, points_min));
+        warnings.extend(few_located(&summary, points_min));
         let path_warnings = [misplaced.warning(&files), leaps.warning()];
         let path_warnings: Vec<String> = path_warnings.into_iter().flatten().collect();
         warnings.extend(path_warnings.iter().cloned());
@@ -480,10 +480,10 @@ impl RecordingRun {
     }
 }
 
-/// A warning if frames could be used and none has a pose. `points_min`: line points that a pose needs.
-fn nothing_located(summary: &Summary, points_min: usize) -> Option<String> {
+/// A warning if frames could be used and less than half of them have a pose. `points_min`: line points that a pose needs.
+fn few_located(summary: &Summary, points_min: usize) -> Option<String> {
     let usable = summary.frames - summary.unreadable.min(summary.frames);
-    let is_lost = usable > 0 && summary.tracking + summary.predicted + summary.global == 0;
+    let located = summary.tracking + summary.predicted + summary.global;
     let reason = if summary.line_points < points_min as f64 {
         format!(
             "half of them show at most {:.0} line points, where a pose needs {points_min}. The carpet's colours may not be recognised \
@@ -493,7 +493,11 @@ fn nothing_located(summary: &Summary, points_min: usize) -> Option<String> {
     } else {
         "the column reason of the poses says why. The field, the camera's mount or the map may be wrong".to_owned()
     };
-    is_lost.then(|| format!("no pose in any of {usable} frames: {reason}"))
+    let share = match located {
+        0 => format!("no pose in any of {usable} frames"),
+        _ => format!("a pose in only {located} of {usable} frames"),
+    };
+    (2 * located < usable).then(|| format!("{share}: {reason}"))
 }
 
 /// Fails if no frame of a recording could be used.
