@@ -22,8 +22,19 @@ pub(crate) struct LineValidator<'a> {
     pub(crate) noise: f32,
     /// Range of the carpet's boundary along each ray, metres; see [`crate::objects::radial_scan`].
     pub(crate) carpet_end: &'a [f32],
-    /// Otherwise what is brighter than the carpet on both sides may be a line, whatever its colour.
-    pub(crate) lamp_is_known: bool,
+    /// How far the model's white is that of the lines.
+    pub(crate) white: WhiteKnowledge,
+}
+
+/// What is known of the lines' white.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum WhiteKnowledge {
+    /// Its colour and brightness.
+    Full,
+    /// About how bright it is: what is brighter than the carpet on both sides may be a line, whatever its colour.
+    Brightness,
+    /// That it is brighter than the carpet.
+    Nothing,
 }
 
 /// A segment of a scan line as read.
@@ -206,6 +217,9 @@ impl LineValidator<'_> {
         {
             return false;
         }
+        if self.white == WhiteKnowledge::Nothing {
+            return true;
+        }
         let [carpet_light, ..] = self
             .carpet_model
             .chroma_coordinates(self.carpet_model.carpet);
@@ -218,7 +232,7 @@ impl LineValidator<'_> {
 
     /// True if the peak adds light of the lamp's colour to the adjacent carpet.
     fn is_white(&self, colours: &PeakColours) -> bool {
-        if self.carpet_model.is_grey() || !self.lamp_is_known {
+        if self.carpet_model.is_grey() || self.white != WhiteKnowledge::Full {
             return true;
         }
         let [carpet_light, carpet_along, carpet_across] =

@@ -6,6 +6,7 @@ use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::error::VisionError;
 use crate::image::{ImageView, PixelFormat, rgb_to_yuv, yuv_to_rgb};
 use crate::lines::detection::{LinePointDetection, peak_thresholds};
+use crate::lines::validator::WhiteKnowledge;
 use crate::scan::pattern::ScanLines;
 
 use super::colour_model::ColourModel;
@@ -18,8 +19,9 @@ const NOISE_LAG: usize = 4;
 /// Light is coloured if so many times as many points are brighter than the carpet on both sides as are white in neutral light.
 const CAST_POINTS: usize = 2;
 
-/// Fewest line points for estimating white.
+/// Fewest line points for estimating white, and fewest that may be fainter than lines are.
 const WHITE_POINTS_MIN: usize = 8;
+const FAINT_POINTS_MIN: usize = 24;
 
 impl Vision {
     /// Learns carpet and white from one image and reads it with the result; also returns its carpet share.
@@ -71,19 +73,29 @@ impl Vision {
         Ok((colour_model, share))
     }
 
-    /// White as the lines show it: under neutral light, or, if most lines are of another colour, in theirs.
+    /// White as the lines show it: under neutral light; if most lines are of another colour, in theirs; and if hardly any is as
+    /// bright as white is beside most carpets, of what is brighter than the carpet.
     fn measure_white(
         &mut self,
         image: &ImageView<'_>,
         colour_model: &ColourModel,
     ) -> Option<[f32; 3]> {
-        let mut neutral = Detections::default();
-        self.find_carpet_ends(&mut neutral);
-        let mut any_lamp = neutral.clone();
-        self.detect_lines(image, colour_model, ScanLines::All, true, &mut neutral);
-        self.detect_lines(image, colour_model, ScanLines::All, false, &mut any_lamp);
-        let is_cast = any_lamp.line_points.len() > CAST_POINTS * neutral.line_points.len();
-        estimate_white(image, if is_cast { &any_lamp } else { &neutral })
+        let mut start = Detections::default();
+        self.find_carpet_ends(&mut start);
+        let mut lines_with = |white: WhiteKnowledge| {
+            let mut found = start.clone();
+            self.detect_lines(image, colour_model, ScanLines::All, white, &mut found);
+            found.line_points
+        };
+        let neutral = lines_with(WhiteKnowledge::Full);
+        let coloured = lines_with(WhiteKnowledge::Brightness);
+        let is_cast = coloured.len() > CAST_POINTS * neutral.len();
+        let points = if is_cast { coloured } else { neutral };
+        if points.len() >= WHITE_POINTS_MIN {
+            return estimate_white(image, points);
+        }
+        let faint = lines_with(WhiteKnowledge::Nothing);
+        (faint.len() >= FAINT_POINTS_MIN).then(|| estimate_white(image, faint))?
     }
 
     fn build_colour_model(&self, model: CarpetModel, format: PixelFormat) -> ColourModel {
@@ -247,14 +259,10 @@ fn brightness_percentile_95(pixels: &[[u8; 3]]) -> u8 {
 }
 
 /// Colour of white: median over the line points of the higher contrast half.
-fn estimate_white(image: &ImageView<'_>, detections: &Detections) -> Option<[f32; 3]> {
-    let mut order: Vec<&LinePointDetection> = detections.line_points.iter().collect();
-    if order.len() < WHITE_POINTS_MIN {
-        return None;
-    }
-    order.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
-    order.truncate(order.len() / 2);
-    let colours: Vec<[u8; 3]> = order
+fn estimate_white(image: &ImageView<'_>, mut points: Vec<LinePointDetection>) -> Option<[f32; 3]> {
+    points.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
+    points.truncate(points.len() / 2);
+    let colours: Vec<[u8; 3]> = points
         .iter()
         .map(|point| {
             let [u, v] = point.position_px.map(|at| at.round().max(0.0) as usize);

@@ -16,6 +16,7 @@ use crate::config::{ImageRect, VisionConfig};
 use crate::error::VisionError;
 use crate::image::ImageView;
 use crate::lines::detection::LineScratch;
+use crate::lines::validator::WhiteKnowledge;
 use crate::objects::ball::VisitedMask;
 use crate::objects::carpet_end::{CarpetEnd, find_carpet_ends};
 use crate::objects::goals::detect_goals;
@@ -276,7 +277,7 @@ impl Vision {
             image,
             &colour_model,
             found.lines,
-            true,
+            WhiteKnowledge::Full,
             &mut found.detections,
         );
         found.marking_points = found.detections.line_points.len();

@@ -2,7 +2,7 @@
 
 use crate::image::ImageView;
 use crate::lines::detection::{ScanReadout, detect_line_points};
-use crate::lines::validator::LineValidator;
+use crate::lines::validator::{LineValidator, WhiteKnowledge};
 use crate::lines::wall_bases::detect_wall_bases;
 use crate::objects::ball::BallDetector;
 use crate::objects::carpet_end::CarpetEnd;
@@ -94,7 +94,7 @@ impl Vision {
         image: &ImageView<'_>,
         colour_model: &ColourModel,
         lines: ScanLines,
-        lamp_is_known: bool,
+        white: WhiteKnowledge,
         detections: &mut Detections,
     ) {
         let mut scratch = std::mem::take(&mut self.scratch);
@@ -103,7 +103,7 @@ impl Vision {
             &mut detections.rejected_candidates,
         );
         let validator = LineValidator {
-            lamp_is_known,
+            white,
             ..self.line_validator(image, colour_model, &detections.carpet_end)
         };
         detect_line_points(
@@ -160,7 +160,7 @@ impl Vision {
             line_width: self.line_width,
             noise: colour_model.brightness_noise,
             carpet_end,
-            lamp_is_known: true,
+            white: WhiteKnowledge::Full,
         }
     }
 }
