@@ -22,24 +22,13 @@ use super::limits::{FieldBudget, check_message};
 use super::mcap_encoding::RECORD_HEADER_BYTES;
 use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, decode_chunk};
 use super::read::LoggedCycle;
-use super::record_scan::scan_chunks;
+use super::record_scan::{ChunkInfo, scan_chunks, stamp_from_log_time};
 use super::schema::{CYCLE_TOPIC, IMAGE_TOPIC, convert, decode_compressed_image, wire};
 use super::summary::{WithoutChunks, read_summary};
 use crate::config::PIPELINE_FILE;
 
 /// Number of chunks from which the topics of a truncated file are read. The first has all topics of Mirrorball.
 const TOPIC_SEARCH_CHUNKS: usize = 16;
-
-/// A chunk of the file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ChunkInfo {
-    pub(super) offset: u64,
-    pub(super) length: u64,
-    /// Time of its first message.
-    pub start: Stamp,
-    /// Time of its last message.
-    pub end: Stamp,
-}
 
 /// A log with random access.
 pub struct LogIndex {
@@ -300,10 +289,6 @@ impl LogIndex {
 
 fn is_readable_cycle(message: &[u8]) -> bool {
     check_message(message).is_ok() && wire::Cycle::decode(message).is_ok()
-}
-
-pub(super) fn stamp_from_log_time(log_time: u64) -> Stamp {
-    Stamp(i64::try_from(log_time).unwrap_or(i64::MAX))
 }
 
 /// Reads metadata and files. For other versions or programs, reads as much as can be decoded.

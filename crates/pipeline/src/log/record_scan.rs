@@ -5,15 +5,25 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use localize::input_file;
+use localize::{Stamp, input_file};
 use mcap::records::op;
 
-use super::index::{ChunkInfo, stamp_from_log_time};
 use super::mcap_encoding::RECORD_HEADER_BYTES;
 use super::mcap_records::MAX_RECORD_BYTES;
 
 /// Size of the two times at the start of a chunk record, bytes.
 const CHUNK_TIMES_BYTES: usize = 16;
+
+/// A chunk of the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ChunkInfo {
+    pub(super) offset: u64,
+    pub(super) length: u64,
+    /// Time of its first message.
+    pub start: Stamp,
+    /// Time of its last message.
+    pub end: Stamp,
+}
 
 /// A record outside chunks.
 pub(super) struct RecordPlace {
@@ -81,4 +91,8 @@ pub(super) fn scan_chunks(path: &Path) -> Result<Vec<ChunkInfo>> {
         Ok(CHUNK_TIMES_BYTES as u64)
     })?;
     Ok(parts)
+}
+
+pub(super) fn stamp_from_log_time(log_time: u64) -> Stamp {
+    Stamp(i64::try_from(log_time).unwrap_or(i64::MAX))
 }
