@@ -289,3 +289,34 @@ fn four_labelled_pixels_suffice_to_detect_lines() {
         "{labelled} of {unlabelled}"
     );
 }
+
+#[test]
+fn lines_are_found_in_coloured_and_in_clipped_light() {
+    let first = image("000.jpg");
+    let count = |change: fn([f32; 3]) -> [f32; 3]| {
+        let pixels = first.rgb.as_chunks::<3>().0.iter();
+        let changed = pixels.flat_map(|rgb| change(rgb.map(f32::from)).map(|level| level as u8));
+        let image = Image {
+            rgb: changed.collect(),
+            ..first.clone()
+        };
+        let found = sample_vision().process(&image.view()).expect("detections");
+        found.line_points.len()
+    };
+    let clipped = |level: f32| level.min(255.0);
+    let plain = count(|rgb| rgb);
+    for (light, found) in [
+        ("yellow", count(|[r, g, b]| [clipped(1.1 * r), g, 0.45 * b])),
+        (
+            "magenta",
+            count(|[r, g, b]| [clipped(1.1 * r), 0.6 * g, clipped(1.1 * b)]),
+        ),
+        // White is hardly brighter than the carpet's green.
+        (
+            "clipped",
+            count(|rgb| rgb.map(|level| 0.3 * clipped(2.5 * level))),
+        ),
+    ] {
+        assert!(10 * found > 8 * plain, "{light}: {found} of {plain}");
+    }
+}

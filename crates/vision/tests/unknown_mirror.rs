@@ -260,6 +260,14 @@ fn rim_that_the_image_cuts_is_found_from_its_corners() {
 }
 
 #[test]
+fn rim_is_found_although_a_picture_in_nine_is_bright_everywhere() {
+    let own = disc([160, 120], [82.0, 57.5], 90.0, |_, _| 9.0);
+    let foreign = disc([160, 120], [70.0, 50.0], 400.0, |_, _| 9.0);
+    let pictures = [&own, &own, &own, &foreign, &own, &own, &own, &own, &own];
+    assert_eq!(find_rim(&pictures), find_rim(&[&own]));
+}
+
+#[test]
 fn image_without_a_dark_border_has_no_rim() {
     assert!(find_rim(&[&disc([160, 120], [80.0, 60.0], 400.0, |_, _| 9.0)]).is_err());
 }

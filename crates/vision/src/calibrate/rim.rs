@@ -72,8 +72,27 @@ pub fn find_rim(images: &[&Image]) -> Result<Rim, RimError> {
     {
         return Err(RimError::NoImages);
     }
-    let brightest = brightest_values(images, size);
-    let edges = border_edges(&brightest, size);
+    let foreign = (images.len() / FOREIGN_INTERVAL).min(FOREIGN_MAX);
+    let brightest = brightest_values(images, size, foreign);
+    let fit = |rank: usize| {
+        let values: Vec<f32> = brightest.iter().map(|values| values[rank]).collect();
+        fit_rim(&values, size)
+    };
+    match (fit(0), fit(foreign)) {
+        // Nothing is foreign: all pictures show more of the rim than some of them.
+        (Ok(all), Ok(rest)) if is_same_circle(&all, &rest) => Ok(all),
+        (all, rest) => rest.or(all),
+    }
+}
+
+fn is_same_circle(a: &Rim, b: &Rim) -> bool {
+    let [du, dv] = [0, 1].map(|axis| a.centre_px[axis] - b.centre_px[axis]);
+    math::hypot(du, dv) + (a.radius_px - b.radius_px).abs() <= TOLERANCE_PX
+}
+
+/// Fits the rim's circle to the values of pixels that stay dark outside it.
+fn fit_rim(brightest: &[f32], size: [usize; 2]) -> Result<Rim, RimError> {
+    let edges = border_edges(brightest, size);
     if edges.len() < POINTS_MIN {
         return Err(RimError::NoBorder);
     }
@@ -114,12 +133,14 @@ pub fn find_rim(images: &[&Image]) -> Result<Rim, RimError> {
     })
 }
 
-/// Brightest channel of each pixel over all images but as many of the brightest as may be foreign, averaged over 3 × 3 pixels
-/// before: single hot pixels would make the border bright.
-fn brightest_values(images: &[&Image], [width, height]: [usize; 2]) -> Vec<f32> {
-    // Of each pixel, falling.
+/// The `foreign` + 1 brightest values of each pixel over all images, falling: of its brightest channel, averaged over 3 × 3
+/// pixels before, as single hot pixels would make the border bright.
+fn brightest_values(
+    images: &[&Image],
+    [width, height]: [usize; 2],
+    foreign: usize,
+) -> Vec<[f32; FOREIGN_MAX + 1]> {
     let mut brightest = vec![[0.0f32; FOREIGN_MAX + 1]; width * height];
-    let foreign = (images.len() / FOREIGN_INTERVAL).min(FOREIGN_MAX);
     for image in images {
         let value: Vec<f32> = image
             .rgb
@@ -148,7 +169,7 @@ fn brightest_values(images: &[&Image], [width, height]: [usize; 2]) -> Vec<f32> 
             }
         }
     }
-    brightest.iter().map(|values| values[foreign]).collect()
+    brightest
 }
 
 /// Outermost points, seen from the image's centre, beyond which the image stays dark. Stray light makes a halo beyond the rim,
