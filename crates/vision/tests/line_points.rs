@@ -303,20 +303,17 @@ fn lines_are_found_in_coloured_and_in_clipped_light() {
         let found = sample_vision().process(&image.view()).expect("detections");
         found.line_points.len()
     };
-    let clipped = |level: f32| level.min(255.0);
-    let plain = count(|rgb| rgb);
-    for (light, found) in [
-        ("yellow", count(|[r, g, b]| [clipped(1.1 * r), g, 0.45 * b])),
-        (
-            "magenta",
-            count(|[r, g, b]| [clipped(1.1 * r), 0.6 * g, clipped(1.1 * b)]),
-        ),
-        // White is hardly brighter than the carpet's green.
-        (
-            "clipped",
-            count(|rgb| rgb.map(|level| 0.3 * clipped(2.5 * level))),
-        ),
-    ] {
-        assert!(10 * found > 8 * plain, "{light}: {found} of {plain}");
+    fn clipped(level: f32) -> f32 {
+        level.min(255.0)
     }
+    let plain = count(|rgb| rgb);
+    let yellow = count(|[r, g, b]| [clipped(1.1 * r), g, 0.45 * b]);
+    let magenta = count(|[r, g, b]| [clipped(1.1 * r), 0.6 * g, clipped(1.1 * b)]);
+    assert!(
+        10 * yellow.min(magenta) > 8 * plain,
+        "{yellow}, {magenta} of {plain}"
+    );
+    // White is hardly brighter than the carpet's green, and bright carpet is white.
+    let overexposed = count(|rgb| rgb.map(|level| 0.3 * clipped(2.5 * level)));
+    assert!(2 * overexposed > plain, "{overexposed} of {plain}");
 }
