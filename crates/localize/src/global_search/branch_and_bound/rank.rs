@@ -71,9 +71,7 @@ impl BranchAndBound {
         }
         normalise_probabilities(ranked)
     }
-}
 
-impl BranchAndBound {
     fn ranked(
         &self,
         matcher: &Matcher,
