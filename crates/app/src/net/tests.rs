@@ -303,6 +303,28 @@ fn remote_commands_require_a_key() {
 }
 
 #[test]
+fn speed_over_the_ground_is_bounded_in_every_direction() {
+    let config = CommandConfig {
+        speed_max: 1.0,
+        ..CommandConfig::default()
+    };
+    let mut filter = CommandFilter::new(&config, IDENTITY).expect("a filter");
+    let mut accept = |sequence, [x, y, theta]: [f32; 3]| {
+        let command = Command {
+            drive: Some(Drive { x, y, theta }),
+            ..command(sequence)
+        };
+        filter
+            .accept(&command.encode_to_vec(), Stamp(0))
+            .map(|_| ())
+    };
+    assert_eq!(accept(1, [0.6, -0.7, 1.0]), Ok(()));
+    for fast in [[0.9, 0.9, 0.0], [-0.8, 0.7, 0.0], [0.0, 0.0, -1.1]] {
+        assert_eq!(accept(2, fast), Err(RejectReason::Senseless), "{fast:?}");
+    }
+}
+
+#[test]
 fn command_under_a_key_names_this_start_of_this_robot() {
     let config = CommandConfig {
         key: Some(SHARED_KEY.to_owned()),

@@ -192,6 +192,10 @@ mod tests {
             let result = guard().accept(&forward(speed), SENDER, None, now);
             assert_eq!(result, Err(Refusal::Senseless), "{speed}");
         }
+        let mut diagonal = forward(2.5);
+        diagonal.linear.y = 2.5;
+        let result = guard().accept(&diagonal, SENDER, None, now);
+        assert_eq!(result, Err(Refusal::Senseless));
         let mut closed = CommandGuard::new(false, 100.0, 3.0);
         let result = closed.accept(&forward(1.0), SENDER, None, now);
         assert_eq!(result, Err(Refusal::Closed));
