@@ -1,5 +1,6 @@
 //! Errors as Python exceptions: a missing file is an OSError, everything else a ValueError.
 
+use pipeline::message_text::error_message;
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use vision::VisionError;
@@ -53,7 +54,7 @@ pub(crate) fn vision(error: &VisionError) -> PyErr {
 
 /// An error of the pipeline: its cause decides between OSError and ValueError.
 pub(crate) fn from_anyhow(error: &anyhow::Error) -> PyErr {
-    let message = message(error);
+    let message = error_message(error);
     match io_cause(error) {
         Some(io) => from_io(io, message),
         None => PyValueError::new_err(message),
@@ -72,17 +73,4 @@ pub(crate) fn is_io(error: &anyhow::Error) -> bool {
 
 fn io_cause(error: &anyhow::Error) -> Option<&std::io::Error> {
     error.chain().find_map(|cause| cause.downcast_ref())
-}
-
-/// The whole chain of causes; what a cause repeats of the one before is left out.
-pub(crate) fn message(error: &anyhow::Error) -> String {
-    let mut message = String::new();
-    for cause in error.chain().map(ToString::to_string) {
-        if message.is_empty() {
-            message = cause;
-        } else if !message.contains(&cause) {
-            message = format!("{message}: {cause}");
-        }
-    }
-    message
 }

@@ -8,6 +8,7 @@ use pipeline::log::LogCompleteness;
 use pipeline::log::columns::{
     Column, ColumnData, Fields, RawMessage, TimeRange, TopicReader, Value,
 };
+use pipeline::message_text::error_message;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
@@ -299,7 +300,7 @@ pub(crate) fn log_error(error: anyhow::Error) -> PyErr {
     match error.downcast::<PyErr>() {
         Ok(error) => error,
         Err(error) if errors::is_io(&error) => errors::from_anyhow(&error),
-        Err(error) => LogError::new_err(errors::message(&error)),
+        Err(error) => LogError::new_err(error_message(&error)),
     }
 }
 
