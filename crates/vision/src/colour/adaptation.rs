@@ -21,6 +21,8 @@ pub(crate) struct ColourAdaptation {
     prior: CarpetModel,
     carpet: [f32; 3],
     white: [f32; 3],
+    /// Standard deviation of a pixel's chroma on plain carpet, divided by the brightness.
+    chroma_noise: f32,
 }
 
 /// One processed image.
@@ -62,6 +64,10 @@ impl CarpetSample {
 
 /// Fewest confirmed pixels for a median.
 const MEDIAN_PIXELS_MIN: usize = 20;
+/// Share of a new measurement of the noise: it is good to a tenth, and exposure control changes the gain within seconds.
+const NOISE_SMOOTHING: f32 = 0.2;
+/// Change of the noise (logarithm) by which hue may count again, or no longer: less would change the rule to and fro.
+const NOISE_CHANGE_MIN: f32 = 0.2;
 /// A channel above this level is saturated and not compared.
 const SATURATED_LEVEL: f32 = 250.0;
 
@@ -71,6 +77,7 @@ impl ColourAdaptation {
             prior,
             carpet: prior.carpet,
             white: prior.white,
+            chroma_noise: prior.chroma_noise(),
         }
     }
 
@@ -115,6 +122,8 @@ impl ColourAdaptation {
             config.smoothing_factor,
         );
         self.carpet = clamp_to_prior(self.carpet, self.prior.carpet, &self.prior, config);
+        let noise = self.prior.measure_chroma_noise(&carpet);
+        self.chroma_noise += NOISE_SMOOTHING * (noise - self.chroma_noise);
         // The half of higher contrast: pixels of far lines are mixed with carpet.
         let mut points: Vec<_> = line_points.iter().collect();
         points.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
@@ -140,9 +149,18 @@ impl ColourAdaptation {
                 .map(|i| math::ln(a[i].max(1.0) / b[i].max(1.0)).abs())
                 .fold(0.0, f32::max)
         };
+        let now = self
+            .prior
+            .with_colours(self.carpet, self.white)
+            .with_chroma_noise(self.chroma_noise);
+        // The first image may be the noisiest: the gain is high until the exposure is controlled.
+        let noise_ratio = now.chroma_noise() / model.chroma_noise().max(f32::MIN_POSITIVE);
+        let other_rule =
+            now.is_grey() != model.is_grey() && math::ln(noise_ratio).abs() > NOISE_CHANGE_MIN;
         let rebuild = off(self.carpet, model.carpet) > config.rebuild_threshold
-            || off(self.white, model.white) > config.rebuild_threshold;
-        rebuild.then(|| self.prior.with_colours(self.carpet, self.white))
+            || off(self.white, model.white) > config.rebuild_threshold
+            || other_rule;
+        rebuild.then_some(now)
     }
 }
 

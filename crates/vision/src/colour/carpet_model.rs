@@ -37,6 +37,12 @@ const CHROMA_MIN: f32 = 0.03;
 /// 0.5 to 4.
 const CHROMA_SIGMAS_MIN: f32 = 5.0;
 
+/// Least chroma of a colour, divided by its brightness: less is a cast or noise.
+const SATURATION_MIN: f32 = 0.35;
+/// Where brightness decides, a colour differs from carpet and white by so many standard deviations of a pixel's chroma: two of a
+/// thousand pixels of a plain carpet do.
+const COLOURED_SIGMAS_MIN: f32 = 3.5;
+
 /// Pixels so far apart in their list are compared for the noise: demosaicing and compression make nearer ones alike.
 const NOISE_LAG: usize = 4;
 /// Share of the carpet's brightness within which a pixel counts as carpet there.
@@ -68,7 +74,7 @@ impl CarpetModel {
     }
 
     /// From the median difference of pixels near each other, which edges do not change; the table's cells included.
-    fn measure_chroma_noise(&self, ground: &[[u8; 3]]) -> f32 {
+    pub(crate) fn measure_chroma_noise(&self, ground: &[[u8; 3]]) -> f32 {
         let level = mean(self.carpet).max(1.0);
         let across = |rgb: [u8; 3]| {
             let rgb = rgb.map(f32::from);
@@ -157,6 +163,31 @@ impl CarpetModel {
         ]
     }
 
+    /// True if a colour's chroma is neither the carpet's nor white's nor between them, by more than noise and casts of the light.
+    fn is_coloured(&self, rgb: [f32; 3]) -> bool {
+        let [brightness, along, across] = self.chroma_coordinates(rgb);
+        let brightness = brightness.max(1e-6);
+        let (share, off) = (along / brightness, across / brightness);
+        let carpet_share = self.chroma / self.carpet_chroma();
+        let beyond = share - share.clamp(0.0, carpet_share);
+        let noise = self.chroma_noise * mean(self.carpet) / mean(rgb).max(1.0);
+        math::hypot(beyond, off) * self.carpet_chroma()
+            > SATURATION_MIN.max(COLOURED_SIGMAS_MIN * noise)
+    }
+
+    /// The same colours with another measured noise of a pixel's chroma.
+    pub(crate) fn with_chroma_noise(&self, chroma_noise: f32) -> Self {
+        CarpetModel {
+            chroma_noise,
+            ..*self
+        }
+    }
+
+    /// Standard deviation of a pixel's chroma on plain carpet, divided by the brightness.
+    pub(crate) fn chroma_noise(&self) -> f32 {
+        self.chroma_noise
+    }
+
     /// Weights of the channels that separate white from carpet; they sum to 1.
     pub fn channel_weights(&self) -> [f32; 3] {
         let rise: [f32; 3] =
@@ -183,6 +214,7 @@ impl CarpetModel {
         let bright = brightness > 0.5 * (carpet_brightness + 1.0);
         if self.is_grey() {
             return match relative {
+                _ if self.is_coloured(rgb) => ColourClass::OTHER,
                 r if bright && r > 1.2 => ColourClass::WHITE,
                 r if r > config.carpet_brightness_min.max(0.4) => ColourClass::CARPET,
                 _ => ColourClass::BLACK,
@@ -204,7 +236,7 @@ impl CarpetModel {
         }
         let saturation = math::hypot(share, off) * self.chroma;
         // Noise of a dark grey pixel must not pass for a colour either.
-        if saturation < 0.35
+        if saturation < SATURATION_MIN
             || math::hypot(share, off) < 0.6
             || math::hypot(share, off) < 4.0 * noise
         {
@@ -395,6 +427,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn coloured_objects_are_no_carpet_where_brightness_decides() {
+        // A green carpet in the noise of a high gain, with things of its own brightness.
+        let model = CarpetModel::learn(&pixels([45.0, 75.0, 45.0], 9.0)).expect("a carpet");
+        let model = model.with_white([200.0, 200.0, 190.0], 9.0);
+        assert!(model.is_grey());
+        let share = |colour: [f32; 3], class: ColourClass| {
+            let pixels = pixels(colour, 9.0);
+            let config = ColourConfig::default();
+            let is_class = |rgb: &&[u8; 3]| model.classify(**rgb, &config, [10.0, 40.0]) == class;
+            pixels.iter().filter(is_class).count() as f32 / pixels.len() as f32
+        };
+        for ball in [[130.0, 55.0, 15.0], [20.0, 50.0, 130.0]] {
+            assert!(share(ball, ColourClass::OTHER) > 0.8, "{ball:?}");
+        }
+        assert!(share([45.0, 75.0, 45.0], ColourClass::CARPET) > 0.9);
+        assert!(share([200.0, 200.0, 190.0], ColourClass::WHITE) > 0.98);
     }
 
     #[test]
