@@ -9,6 +9,7 @@ use localize::math;
 use localize::world::TeamColour;
 
 use crate::config::ObjectDetectionConfig;
+use crate::objects::ball::BallDetection;
 use crate::objects::carpet_end::CarpetEnd;
 use crate::objects::covariance::covariance_from_polar;
 use crate::objects::ground_contact::{GroundContact, GroundContactSearch};
@@ -50,7 +51,18 @@ pub struct RobotDetection {
     pub kind: ObstacleKind,
 }
 
+/// Largest measured width of a ball, its radii: its edges are found in steps.
+const WIDTH_OF_BALL_MAX: f32 = 3.0;
+
 impl RobotDetection {
+    /// True if this is a ball of the given radius (metres): no wider, and with its foot there.
+    pub(crate) fn is_ball(&self, ball: &BallDetection, radius: f32) -> bool {
+        ball.on_ground
+            && ball.score >= self.score
+            && self.width < WIDTH_OF_BALL_MAX * radius
+            && self.edge.distance_to(ball.at) < 2.0 * radius
+    }
+
     /// True if the foot of another one is behind this robot, where the ground cannot be seen. People have legs.
     pub(crate) fn hides(&self, other: &RobotDetection) -> bool {
         let range = self.edge.distance();

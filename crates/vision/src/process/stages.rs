@@ -80,6 +80,10 @@ impl Vision {
                     .judge_ball_by_colour(stage_input, ball, rejected)
             }));
         }
+        let radius = self.config.objects.ball_radius;
+        detections
+            .robots
+            .retain(|robot| !balls.iter().any(|ball| robot.is_ball(ball, radius)));
         let mut balls = balls.into_iter();
         detections.ball = balls.next();
         detections.other_balls = balls.collect();
