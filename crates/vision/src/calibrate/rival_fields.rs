@@ -44,7 +44,10 @@ pub(super) fn ensure_no_scaled_field_fits_better(
         let factor = size(field) / size(other);
         let scaled = Field::new(other.config.scaled(factor)).ok()?;
         let other = fit(&scaled).ok()?;
-        is_cheaper(&other.costs, &own.costs).then(|| (name, explained_share(&other), factor))
+        // Costs of some images are less by chance where a map fits neither field.
+        let explains_more = explained_share(&other) > explained_share(&own);
+        let better = explains_more && is_cheaper(&other.costs, &own.costs);
+        better.then(|| (name, explained_share(&other), factor))
     });
     match better.max_by(|a, b| a.1.total_cmp(&b.1)) {
         Some((name, other, factor)) => {
