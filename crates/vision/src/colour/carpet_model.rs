@@ -101,8 +101,8 @@ impl CarpetModel {
         let brightness = mean(balanced);
         let off_grey = balanced.map(|channel| channel - brightness);
         let length = dot(off_grey, off_grey).sqrt();
-        // A grey carpet has no hue; the axis is arbitrary and not used.
-        let hue_axis = if length > 0.0 {
+        // The difference of equal channels is rounding, whose direction is not orthogonal to grey.
+        let hue_axis = if length > 1e-3 * brightness {
             off_grey.map(|channel| channel / length)
         } else {
             [-0.408_248_3, 0.816_496_6, -0.408_248_3]
@@ -214,8 +214,8 @@ impl CarpetModel {
         let bright = brightness > 0.5 * (carpet_brightness + 1.0);
         if self.is_grey() {
             return match relative {
-                _ if self.is_coloured(rgb) => ColourClass::OTHER,
                 r if bright && r > 1.2 => ColourClass::WHITE,
+                _ if self.is_coloured(rgb) => ColourClass::OTHER,
                 r if r > config.carpet_brightness_min.max(0.4) => ColourClass::CARPET,
                 _ => ColourClass::BLACK,
             };
@@ -446,6 +446,19 @@ mod tests {
         }
         assert!(share([45.0, 75.0, 45.0], ColourClass::CARPET) > 0.9);
         assert!(share([200.0, 200.0, 190.0], ColourClass::WHITE) > 0.98);
+    }
+
+    #[test]
+    fn grey_images_have_no_coloured_pixels() {
+        for level in 40..120u8 {
+            let ground = vec![[level; 3]; 400];
+            let model = CarpetModel::learn(&ground).expect("a carpet");
+            let model = model.with_white([f32::from(level) * 2.1; 3], 2.0);
+            let class =
+                |level: u8| model.classify([level; 3], &ColourConfig::default(), [10.0, 40.0]);
+            assert_eq!(class(level), ColourClass::CARPET, "{level}");
+            assert_eq!(class(2 * level), ColourClass::WHITE, "{level}");
+        }
     }
 
     #[test]
