@@ -1,36 +1,18 @@
 //! How well does a set-up explain its keyframes? Shares of points, wheel steps and compass readings, and the cost.
 
 use crate::config::LocalizeConfig;
-use crate::field::Field;
 use crate::frames::{Pose, RobotFrame, Tf, wrap_angle};
-use crate::global_search::branch_and_bound::{
-    BranchAndBound, BranchAndBoundConfig, Hypothesis, half_turn,
-};
 use crate::map_correction::{DriveFit, MapBasis};
-use crate::matching::Matcher;
-use crate::matching::distance_field::DistanceField;
 use crate::twist::METRES_PER_RADIAN;
-use crate::wheel_steps::MeasuredStep;
+use crate::wheel_steps::{DerivedStep, MatrixDerivatives, MeasuredStep, WheelsFit};
 
-use super::chain::{KeyframeHypotheses, select_chain};
+use super::chain::{KeyframeHypotheses, SelectedHypothesis, select_chain};
 use super::keyframe::Keyframe;
+use super::led_by_wheels::select_led_chain;
+use super::tables::FieldTables;
 
-/// Largest displacement that [`refine`] follows, metres.
-const START_ERROR: f32 = 0.3;
 /// Shorter steps are noise, metres.
 const STEP_MIN: f32 = 0.1;
-
-/// Tables of one field for the search of poses.
-#[derive(Debug, Clone)]
-pub struct FieldTables {
-    field: Field,
-    distances: DistanceField,
-    /// Built by the first search: [`refine`] does without.
-    search: Option<BranchAndBound>,
-    matcher: Matcher,
-    config: BranchAndBoundConfig,
-    kernel_squared: f32,
-}
 
 /// How well one keyframe is explained.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,15 +29,13 @@ pub struct KeyframeFit {
     pub residual: f32,
     /// Motion since the previous keyframe by the wheels. None without wheels or without both poses.
     pub wheel_step: Option<Tf<RobotFrame, RobotFrame>>,
+    /// Its derivatives by the matrix of the wheels.
+    pub by_matrix: Option<MatrixDerivatives>,
     /// Do the wheels agree with the motion since the previous keyframe?
     pub wheels_agree: Option<bool>,
     /// Does the compass agree with the heading?
     pub compass_agrees: Option<bool>,
 }
-
-/// Exponent of the joint likelihood of a keyframe's points. Above that of a search: a wrong place bends to the points of one
-/// image, a wrong set-up must explain those of many.
-const LIKELIHOOD_EXPONENT: f32 = 0.3;
 
 /// How well a set-up explains its keyframes.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -65,53 +45,6 @@ pub struct Explanation {
 }
 
 impl FieldTables {
-    /// Builds the tables of a field.
-    pub fn new(field: &Field, config: &LocalizeConfig) -> Self {
-        let distances = DistanceField::new(field, &config.distance_field);
-        FieldTables {
-            field: field.clone(),
-            search: None,
-            matcher: Matcher::new(config.matching.clone()),
-            distances,
-            config: config.branch_and_bound.clone(),
-            kernel_squared: config.matching.kernel_scale_sigmas.powi(2),
-        }
-    }
-
-    /// The poses that explain the points of one keyframe, half turns included.
-    fn hypotheses(&mut self, keyframe: &Keyframe) -> KeyframeHypotheses {
-        let FieldTables {
-            field,
-            distances,
-            search,
-            matcher,
-            config,
-            ..
-        } = self;
-        let search =
-            search.get_or_insert_with(|| BranchAndBound::new(field, distances, config.clone()));
-        let found = search.find_hypotheses(distances, matcher, &keyframe.points, None);
-        let symmetric = search.is_half_turn_symmetric();
-        let mut poses: Vec<Hypothesis> = Vec::new();
-        for hypothesis in found {
-            let turned = Hypothesis {
-                pose: half_turn(hypothesis.pose),
-                ..hypothesis.clone()
-            };
-            let both = [Some(hypothesis), symmetric.then_some(turned)];
-            for each in both.into_iter().flatten() {
-                let known = |other: &Hypothesis| search.is_same_hypothesis(other.pose, each.pose);
-                if !poses.iter().any(known) {
-                    poses.push(each);
-                }
-            }
-        }
-        let cost = |hypothesis: Hypothesis| (self.cost(keyframe, hypothesis.score), hypothesis);
-        KeyframeHypotheses {
-            hypotheses: poses.into_iter().map(cost).collect(),
-        }
-    }
-
     /// The errors of a map with which its keyframes lie on the markings, from the poses of an explanation without them.
     pub fn fit_map(
         &self,
@@ -131,23 +64,16 @@ impl FieldTables {
             &config.matching,
         )
     }
-
-    /// Negative log likelihood of a keyframe's points, tempered (their errors are correlated).
-    fn cost(&self, keyframe: &Keyframe, score: f32) -> f32 {
-        let points = keyframe.points.iter();
-        let within = points.filter(|point| point.at.distance() < self.config.range_max);
-        let used = within.count().min(self.config.points_max) as f32;
-        0.5 * self.kernel_squared * LIKELIHOOD_EXPONENT * used * (1.0 - score)
-    }
 }
 
 /// Searches every keyframe and selects the cheapest chain.
 pub fn explain(tables: &mut FieldTables, keyframes: &[Keyframe]) -> Explanation {
-    let hypotheses: Vec<KeyframeHypotheses> = keyframes
+    let mut hypotheses: Vec<KeyframeHypotheses> = keyframes
         .iter()
         .map(|keyframe| tables.hypotheses(keyframe))
         .collect();
-    explain_by(keyframes, &hypotheses)
+    let links = select_led_chain(tables, keyframes, &mut hypotheses);
+    explain_by(keyframes, &hypotheses, &links)
 }
 
 /// As [`explain`], but refines known poses in place of a search: for changes of some centimetres.
@@ -157,37 +83,36 @@ pub fn refine(
     start: &Explanation,
 ) -> Explanation {
     let pairs = keyframes.iter().zip(&start.keyframes);
-    let refined = pairs.map(|(keyframe, fit)| {
-        let hypotheses = fit.pose.map(|pose| {
-            let FieldTables {
-                distances, matcher, ..
-            } = &mut *tables;
-            let matched = matcher.refine(distances, &keyframe.points, pose, START_ERROR);
-            let hypothesis = Hypothesis::from_match(&matched);
-            (tables.cost(keyframe, hypothesis.score), hypothesis)
-        });
-        KeyframeHypotheses {
-            hypotheses: hypotheses.into_iter().collect(),
-        }
+    let refined = pairs.map(|(keyframe, fit)| KeyframeHypotheses {
+        hypotheses: fit
+            .pose
+            .map(|pose| tables.hypothesis_near(keyframe, pose))
+            .into_iter()
+            .collect(),
     });
     let refined: Vec<KeyframeHypotheses> = refined.collect();
-    explain_by(keyframes, &refined)
+    explain_by(keyframes, &refined, &select_chain(keyframes, &refined))
 }
 
-/// Cost of the cheapest chain through the hypotheses.
-fn explain_by(keyframes: &[Keyframe], hypotheses: &[KeyframeHypotheses]) -> Explanation {
-    let links = select_chain(keyframes, hypotheses);
+/// Cost of a chain through the hypotheses.
+fn explain_by(
+    keyframes: &[Keyframe],
+    hypotheses: &[KeyframeHypotheses],
+    links: &[SelectedHypothesis],
+) -> Explanation {
     let fits = keyframes.iter().zip(hypotheses).zip(links);
     let keyframes = fits.map(|((keyframe, own), link)| {
         let selected = link.hypothesis.map(|index| &own.hypotheses[index]);
         let half = |squared: Option<f32>| 0.5 * squared.unwrap_or(0.0);
+        let motion = link.wheels.and(keyframe.motion);
         KeyframeFit {
             pose: selected.map(|(_, hypothesis)| hypothesis.pose),
             cost: selected.map_or(0.0, |(cost, _)| *cost) + half(link.wheels) + half(link.compass),
             points: keyframe.points.len(),
             on_markings: selected.map_or(0.0, |(_, hypothesis)| hypothesis.inlier_share),
             residual: selected.map_or(0.0, |(_, hypothesis)| hypothesis.inlier_rms),
-            wheel_step: link.wheels.and(keyframe.motion).map(|motion| motion.step),
+            wheel_step: motion.map(|motion| motion.step),
+            by_matrix: motion.map(|motion| motion.by_matrix),
             wheels_agree: link.wheels_agree(),
             compass_agrees: link.compass_agrees(),
         }
@@ -226,13 +151,20 @@ impl Explanation {
     /// The steps between successive keyframes, by wheels and by poses.
     pub fn steps(&self) -> Vec<MeasuredStep> {
         let pairs = self.keyframes.iter().zip(self.keyframes.iter().skip(1));
+        let steps = pairs.filter_map(|(before, after)| measured_step(before, after));
+        steps.collect()
+    }
+
+    /// Turn and origin of the poses by these steps, beside wheels of any radii. None for too few steps that agree.
+    pub fn wheels_fit(&self) -> Option<WheelsFit> {
+        let pairs = self.keyframes.iter().zip(self.keyframes.iter().skip(1));
         let steps = pairs.filter_map(|(before, after)| {
-            Some(MeasuredStep {
-                wheels: after.wheel_step?,
-                poses: before.pose?.inverse() * after.pose?,
+            Some(DerivedStep {
+                step: measured_step(before, after)?,
+                by_matrix: after.by_matrix?,
             })
         });
-        steps.collect()
+        WheelsFit::fit(&steps.collect::<Vec<_>>())
     }
 
     /// How far the wheels agree with the poses: the share of the steps that do not contradict, but at most the mean
@@ -272,6 +204,13 @@ impl Explanation {
             * self.wheels_agree().unwrap_or(1.0)
             * self.compass_agrees().unwrap_or(1.0)
     }
+}
+
+fn measured_step(before: &KeyframeFit, after: &KeyframeFit) -> Option<MeasuredStep> {
+    Some(MeasuredStep {
+        wheels: after.wheel_step?,
+        poses: before.pose?.inverse() * after.pose?,
+    })
 }
 
 fn share(values: impl Iterator<Item = bool>) -> Option<f32> {

@@ -3,6 +3,8 @@
 use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
 
+use super::chain::{SelectedHypothesis, select_chain};
+use super::led_by_wheels::select_led_chain;
 use super::{Explanation, FieldTables, Keyframe, KeyframeFit, WheelMotion, compare, explain};
 use crate::config::LocalizeConfig;
 use crate::field::Field;
@@ -158,6 +160,7 @@ fn pushed_while_turning(turn_by_wheels: f32) -> Explanation {
         on_markings: 1.0,
         residual: 0.0,
         wheel_step: (k > 0).then(|| Tf::new(0.0, 0.0, turn_by_wheels)),
+        by_matrix: None,
         wheels_agree: (k > 0).then_some(k != 10),
         compass_agrees: None,
     };
@@ -184,4 +187,32 @@ fn wheels_of_a_turning_robot_agree_although_it_was_pushed() {
         "{:?}",
         agree(0.1)
     );
+}
+
+#[test]
+fn images_that_show_few_lines_are_placed_where_the_wheels_lead() {
+    let field = league_18x12("centres");
+    let mut keyframes = keyframes(&field, SyntheticDriveConfig::default(), 6, 24);
+    for keyframe in keyframes.iter_mut().skip(3).step_by(4) {
+        // Points of one line: they lie anywhere along every line of the field.
+        let of_distance = |point: &LinePoint| point.at.distance();
+        keyframe
+            .points
+            .sort_by(|a, b| of_distance(a).total_cmp(&of_distance(b)));
+        keyframe.points.truncate(8);
+    }
+    let mut config = LocalizeConfig::default();
+    config.branch_and_bound.hypotheses_max = 2;
+    let mut tables = FieldTables::new(&field, &config);
+    let mut hypotheses: Vec<_> = keyframes
+        .iter()
+        .map(|keyframe| tables.hypotheses(keyframe))
+        .collect();
+    let contradictions = |links: &[SelectedHypothesis]| {
+        let agree = links.iter().map(SelectedHypothesis::wheels_agree);
+        agree.filter(|agree| *agree == Some(false)).count()
+    };
+    let alone = contradictions(&select_chain(&keyframes, &hypotheses));
+    let led = contradictions(&select_led_chain(&mut tables, &keyframes, &mut hypotheses));
+    assert!(alone >= 4 && led <= alone / 4, "{led} of {alone} are left");
 }

@@ -3,6 +3,7 @@
 mod matrix;
 mod step;
 mod step_fit;
+mod wheels_fit;
 
 use nalgebra::{Complex, Vector2};
 
@@ -10,6 +11,7 @@ pub use self::matrix::{MatrixFit, factor_between, matrix_between, matrix_gain};
 use self::step::STEPS_MIN;
 pub use self::step::{MeasuredStep, STEP_STD, spread, weight};
 use self::step_fit::{KNOWN_FACTOR_STD, StepFit};
+pub use self::wheels_fit::{DerivedStep, MatrixDerivatives, WheelsFit};
 use crate::frames::{RobotFrame, Tf};
 use crate::math;
 
@@ -49,26 +51,34 @@ pub fn angle_between(steps: &[MeasuredStep]) -> Option<(f32, f32)> {
 impl OriginOffset {
     /// Offset by steps of a drive. None for too few steps that agree on an angle or turn in place.
     pub fn measure(steps: &[MeasuredStep]) -> Option<Self> {
-        let directions = directions(steps);
-        let (direction, std) = if directions.len() < STEPS_MIN {
-            // Turns in place tell no angle, but the offset best of all.
-            let short = |step: &Tf<RobotFrame, RobotFrame>| math::hypot(step.x, step.y) <= STEP_MIN;
-            let in_place = |step: &&MeasuredStep| short(&step.wheels) && short(&step.poses);
-            if steps.iter().filter(in_place).count() < STEPS_MIN.max(steps.len() / 2) {
-                return None;
-            }
-            (Complex::ONE, KNOWN_FACTOR_STD)
-        } else {
-            (common_direction(&directions)?, UNKNOWN_FACTOR_STD)
-        };
+        let (direction, std) = start_direction(steps)?;
         let fit = StepFit::fit(steps, direction, std)?;
-        // Wheels that measure one direction longer than another turn about another point, too.
-        let uneven = BASE_RADIUS * math::hypot(fit.unevenness.re, fit.unevenness.im);
+        let uneven = math::hypot(fit.unevenness.re, fit.unevenness.im);
         Some(OriginOffset {
             at: Vector2::new(fit.offset.re, fit.offset.im),
-            variance: fit.variances[2] + CENTRE_STD * CENTRE_STD + uneven * uneven,
+            variance: fit.variances[2] + centre_variance(uneven),
         })
     }
+}
+
+/// Variance of each coordinate of the point about which right wheels turn, m². Those that measure one direction longer than another, by a
+/// share of `uneven`, turn about another point, too.
+fn centre_variance(uneven: f32) -> f32 {
+    CENTRE_STD * CENTRE_STD + (BASE_RADIUS * uneven).powi(2)
+}
+
+/// Direction from the wheels' steps to those of the poses, and the standard deviation of the factor between them. None for too few that
+/// agree on one or turn in place.
+fn start_direction(steps: &[MeasuredStep]) -> Option<(Complex<f32>, f32)> {
+    let directions = directions(steps);
+    if directions.len() >= STEPS_MIN {
+        return Some((common_direction(&directions)?, UNKNOWN_FACTOR_STD));
+    }
+    // Turns in place tell no angle, but the offset best of all.
+    let short = |step: &Tf<RobotFrame, RobotFrame>| math::hypot(step.x, step.y) <= STEP_MIN;
+    let in_place = |step: &&MeasuredStep| short(&step.wheels) && short(&step.poses);
+    (steps.iter().filter(in_place).count() >= STEPS_MIN.max(steps.len() / 2))
+        .then_some((Complex::ONE, KNOWN_FACTOR_STD))
 }
 
 /// Directions from the wheels' steps to those of the poses, as unit complex numbers, of steps that have one.

@@ -6,9 +6,9 @@ use super::step::{MeasuredStep, PASSES, STEP_STD, spread, weight};
 use crate::math;
 
 /// Standard deviation of what right wheels may have: the share by which they measure one direction longer than another.
-const UNEVEN_STD: f32 = 0.04;
+pub(super) const UNEVEN_STD: f32 = 0.04;
 /// Standard deviation of the offset of an origin of which nothing is known, metres.
-const OFFSET_STD: f32 = 0.5;
+pub(super) const OFFSET_STD: f32 = 0.5;
 /// Standard deviation of the factor from the motion of wheels in order to that of the poses.
 pub(super) const KNOWN_FACTOR_STD: f32 = 0.2;
 /// Passes end with a smaller change: metres, shares.

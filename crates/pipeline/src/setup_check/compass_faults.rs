@@ -212,6 +212,7 @@ mod tests {
                 on_markings: 1.0,
                 residual: 0.02,
                 wheel_step: None,
+                by_matrix: None,
                 wheels_agree: None,
                 compass_agrees: None,
             });

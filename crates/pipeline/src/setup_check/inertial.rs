@@ -226,6 +226,7 @@ mod tests {
                     on_markings: 1.0,
                     residual: 0.02,
                     wheel_step: None,
+                    by_matrix: None,
                     wheels_agree: Some(true),
                     compass_agrees: None,
                 });

@@ -253,6 +253,7 @@ mod tests {
                         wheels.theta,
                     )
                 }),
+                by_matrix: None,
                 wheels_agree: Some(true),
                 compass_agrees: None,
             });

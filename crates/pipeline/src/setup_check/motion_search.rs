@@ -58,29 +58,33 @@ impl Trial<'_> {
         now: &Explanation,
         wide: bool,
     ) -> Vec<(Change, Improvement)> {
-        let mut turns = Vec::new();
-        let known = angle_between(&now.steps());
         let turn_min = TURN_MIN + turn_within_rows(self.measured);
-        let is_certain = |(angle, std): &(f32, f32)| angle.abs() > turn_min.max(TURN_SIGMAS * std);
-        turns.extend(known.filter(is_certain).map(|(angle, _)| -angle));
+        // Wheels of unequal radius turn the chord of a step, too: they are fitted along with the camera's turn.
+        let turn_and_least = |found: &Explanation| {
+            let fit = found.wheels_fit()?;
+            Some((fit.turn, TURN_SIGMAS * fit.turn_std))
+        };
+        let known = turn_and_least(now).map(|(angle, least)| (-angle, least));
+        let mut turns: Vec<(f32, f32)> = known.into_iter().collect();
         if wide {
             for start in [1.0, 3.0, 5.0, 7.0].map(|odd| wrap_angle(odd * FRAC_PI_4)) {
                 let turned = Change::CameraTurn(start).apply(variant);
-                let steps = self
-                    .explain(&turned, self.measured)
-                    .map(|found| found.steps());
-                let found = steps.and_then(|steps| angle_between(&steps));
-                turns.extend(found.map(|(angle, _)| wrap_angle(start - angle)));
+                let explained = self.explain(&turned, self.measured);
+                let found = explained.as_ref().and_then(turn_and_least);
+                turns.extend(found.map(|(angle, least)| (wrap_angle(start - angle), least)));
             }
         }
+        let turns = turns
+            .into_iter()
+            .filter(|(turn, least)| turn.abs() > least.max(turn_min));
         let mut changes: Vec<Change> = Vec::new();
-        for turn in turns {
+        for (turn, _) in turns {
             let quarter = (turn / (2.0 * FRAC_PI_4)).round() * 2.0 * FRAC_PI_4;
             let is_mount = quarter.abs() > 0.1 && (turn - quarter).abs() < QUARTER_REACH;
             let is_known = changes.iter().any(|known| {
                 matches!(known, Change::CameraTurn(other) if wrap_angle(turn - other).abs() < TURN_MIN)
             });
-            if turn.abs() > TURN_MIN && !is_mount && !is_known {
+            if !is_mount && !is_known {
                 changes.push(Change::CameraTurn(turn));
             }
         }

@@ -6,7 +6,6 @@
 use localize::Field;
 use localize::math;
 use localize::setup_check::{Comparison, Explanation, FieldTables, compare, refine};
-use localize::wheel_steps;
 use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use super::assess::{Improvement, Trial};
@@ -36,7 +35,7 @@ pub(super) struct OriginOffset {
 impl OriginOffset {
     /// Offset by the steps of an explanation. None for too few steps.
     pub(super) fn measure(explanation: &Explanation) -> Option<Self> {
-        let offset = wheel_steps::OriginOffset::measure(&explanation.steps())?;
+        let offset = explanation.wheels_fit()?.origin;
         Some(OriginOffset {
             at: offset.at,
             squared_sigmas: offset.at.norm_squared() / offset.variance,
