@@ -17,14 +17,12 @@ use super::assess::Trial;
 use super::change::Change;
 use super::effort::Effort;
 use super::latency;
-use super::measurements::{MeasuredKeyframe, measure};
-use super::origin_offset::OriginOffset;
+use super::measurements::{MeasuredKeyframe, measure, with_points};
 use super::variant::SetupVariant;
 use super::{KEYFRAMES_MIN, assess};
 use crate::config::PipelineConfig;
 use crate::recording::Recording;
 use crate::setup::Setup;
-use localize::wheel_steps::angle_between;
 
 /// Passes of the fit of an angle: steps of a turned camera join with an error.
 const TURN_PASSES: usize = 3;
@@ -36,8 +34,10 @@ const WHEELS_TURN_STD: f32 = 0.01;
 const GAIN_MIN: f32 = 15.0;
 /// Agreement of the wheels with the best mount.
 const AGREEMENT_MIN: f32 = 0.8;
-/// An origin that is less certain is not moved, metres.
-const ORIGIN_STD_MAX: f32 = 0.03;
+
+/// Standard deviation per axis of the origin that lines alone give, metres: seven maps, most of mirrors tilted by up to 0.5 degrees, were
+/// 0.1 to 10.5 cm off.
+pub const LINES_ORIGIN_STD: f32 = 0.06;
 
 /// How a map's ground points become those of the robot frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,10 +48,12 @@ pub struct MapMount {
     pub turn: f32,
     /// Its standard deviation, radians.
     pub turn_std: f32,
-    /// The map's origin in the robot frame, metres. None if the drive turns too little to tell.
+    /// The map's origin in the robot frame, metres. None if the drive tells it no better than it is known.
     pub origin: Option<[f32; 2]>,
-    /// Its standard deviation per axis, metres.
+    /// Standard deviation of the mounted map's origin per axis, metres.
     pub origin_std: f32,
+    /// That by the drive alone, metres.
+    pub origin_std_by_drive: f32,
     /// How far the wheels agree with the poses, with the map as it was and as it is mounted: at most 1.
     pub wheels_agree: [f32; 2],
     /// Keyframes that were compared.
@@ -89,8 +91,8 @@ pub fn find_map_mount(
         setup.traced_mirror.is_none(),
         "the robot has no calibrated map, but a mirror profile: `mirrorball doctor --recording` names forward_deg, flipped and centre_px"
     );
-    let mut measured = measure(recording, setup, config, Effort::Brief)?.keyframes;
-    measured.retain(|keyframe| keyframe.points.len() >= config.localize.mode.points_min);
+    let measured = measure(recording, setup, config, Effort::Brief)?.keyframes;
+    let mut measured = with_points(measured, config.localize.mode.points_min);
     ensure!(
         measured.len() >= KEYFRAMES_MIN,
         "only {} images with line points, some way apart (expected at least {KEYFRAMES_MIN})",
@@ -169,19 +171,18 @@ fn best_mount(trial: &Trial<'_>, measured: &[MeasuredKeyframe]) -> Result<MapMou
             1e3 * other.configured
         );
     }
-    let Some((_, turn_std)) = angle_between(&explanation.steps()) else {
+    let Some(fit) = explanation.wheels_fit() else {
         bail!("too few steps of the wheels to tell a direction: drive farther");
     };
-    let offset = OriginOffset::measure(explanation);
-    let origin_std = offset.map_or(f32::INFINITY, |offset| offset.std);
+    let origin_std_by_drive = fit.origin.variance.sqrt();
+    let known_std = trial.setup.map_origin_std(LINES_ORIGIN_STD);
     Ok(MapMount {
         mirrored: variant.mirrored,
         turn: variant.camera_turn,
-        turn_std: math::hypot(turn_std, WHEELS_TURN_STD),
-        origin: offset
-            .filter(|_| origin_std <= ORIGIN_STD_MAX)
-            .map(|offset| offset.at.into()),
-        origin_std,
+        turn_std: math::hypot(fit.turn_std, WHEELS_TURN_STD),
+        origin: (origin_std_by_drive < known_std).then(|| fit.origin.at.into()),
+        origin_std: origin_std_by_drive.min(known_std),
+        origin_std_by_drive,
         wheels_agree: [before, after],
         keyframes: explanation.keyframes.len(),
         variant: variant.clone(),
@@ -194,10 +195,10 @@ fn refine_turn(
     (mut variant, mut explanation): (SetupVariant, Explanation),
 ) -> (SetupVariant, Explanation) {
     for _ in 0..TURN_PASSES {
-        let Some((angle, _)) = angle_between(&explanation.steps()) else {
+        let Some(fit) = explanation.wheels_fit() else {
             break;
         };
-        let mut next = Change::CameraTurn(-angle).apply(&variant);
+        let mut next = Change::CameraTurn(-fit.turn).apply(&variant);
         next.camera_turn = wrap_angle(next.camera_turn);
         let Some(found) = trial.explain(&next, trial.measured) else {
             break;

@@ -371,6 +371,28 @@ fn add_motion(sum: &mut Option<InertialMotion>, more: Option<InertialMotion>) {
     }
 }
 
+/// Keyframes with so many points, the motion between joined.
+pub(super) fn with_points(measured: Vec<MeasuredKeyframe>, least: usize) -> Vec<MeasuredKeyframe> {
+    let (mut skipped, mut inertial) = (Some(Vec::new()), None);
+    let mut kept: Vec<MeasuredKeyframe> = Vec::new();
+    for mut keyframe in measured {
+        skipped = skipped
+            .zip(keyframe.odometry.take())
+            .map(|(mut all, rows)| {
+                all.extend(rows);
+                all
+            });
+        add_motion(&mut inertial, keyframe.inertial.take());
+        if keyframe.points.len() >= least {
+            keyframe.odometry = skipped.take().filter(|_| !kept.is_empty());
+            keyframe.inertial = inertial.take();
+            skipped = Some(Vec::new());
+            kept.push(keyframe);
+        }
+    }
+    kept
+}
+
 /// Every `stride`-th keyframe, the motion between joined.
 pub(super) fn thin_out(measured: &[MeasuredKeyframe], stride: usize) -> Vec<MeasuredKeyframe> {
     measured
@@ -401,4 +423,31 @@ pub(super) fn thin_out(measured: &[MeasuredKeyframe], stride: usize) -> Vec<Meas
             },
         )
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use localize::frames::At;
+
+    use super::*;
+
+    #[test]
+    fn motion_of_images_with_few_lines_is_that_of_the_next_one() {
+        let point = LinePoint {
+            at: At::new(1.0, 0.0),
+            std_radial: 0.01,
+            std_tangential: 0.01,
+        };
+        let keyframe = |k: u8, points: usize| MeasuredKeyframe {
+            stamp: Stamp::from_seconds(f64::from(k)),
+            points: vec![point; points],
+            odometry: (k > 0).then(|| vec![[f32::from(k), 0.0, 0.0]]),
+            ..MeasuredKeyframe::default()
+        };
+        let measured = [(0, 0), (1, 20), (2, 3), (3, 2), (4, 20)].map(|(k, n)| keyframe(k, n));
+        let kept = with_points(measured.to_vec(), 6);
+        let motions: Vec<_> = kept.iter().map(|keyframe| &keyframe.odometry).collect();
+        let joined = [2.0, 3.0, 4.0].map(|k| [k, 0.0, 0.0]).to_vec();
+        assert_eq!(motions, [&None, &Some(joined)]);
+    }
 }

@@ -44,7 +44,7 @@ use localize::setup_check::{Explanation, compare};
 pub use collector::KeyframeCollector;
 pub use effort::Effort;
 pub use inertial_motion::InertialMotion;
-pub use map_mount::{MapMount, find_map_mount};
+pub use map_mount::{LINES_ORIGIN_STD, MapMount, find_map_mount};
 pub use measurements::MeasuredKeyframe;
 pub use ranges::RangeFinding;
 pub use report::{FitFigures, HALF_HINT, SetupReport, Suggestion};

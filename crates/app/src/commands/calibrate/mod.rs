@@ -16,6 +16,7 @@ mod sizes;
 mod wheels;
 
 use anyhow::Result;
+use pipeline::setup_check::LINES_ORIGIN_STD;
 
 pub(crate) use lines::{LinesArgs, calibrate_map_from_lines};
 #[cfg(feature = "view")]
@@ -110,7 +111,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         );
         println!(
             "forward_deg and flipped are guesses, as lines look alike mirrored and turned by half a turn: a drive with wheels \
-             tells. The map's origin is good to some centimetres: give [map] origin_std = 0.04. `mirrorball calibrate mount` \
+             tells. The map's origin is good to some centimetres: give [map] origin_std = {LINES_ORIGIN_STD}. `mirrorball calibrate mount` \
              measures all three from a drive"
         );
     }

@@ -38,17 +38,17 @@ struct Outcome {
     mirrored: bool,
     turn_deg: f32,
     turn_std_deg: f32,
-    /// None if it could not be told, and stayed.
+    /// None if the drive tells it no better than it is known: it stayed.
     origin_m: Option<[f32; 2]>,
+    /// Of the origin of the written map, per axis: the value for robot.toml.
     origin_std_m: f32,
+    /// That by the drive alone.
+    origin_std_by_drive_m: f32,
     wheels_agree: f32,
     wheels_agree_before: f32,
     keyframes: usize,
     map: PathBuf,
 }
-
-/// Standard deviation of the origin that lines alone give, metres.
-const GUESSED_ORIGIN_STD: f32 = 0.04;
 
 /// Runs the command.
 pub(super) fn run(args: &MountArgs, json: bool) -> Result<()> {
@@ -80,10 +80,13 @@ pub(super) fn run(args: &MountArgs, json: bool) -> Result<()> {
     );
     match mount.origin {
         Some([x, y]) => println!(
-            "origin moved to ({x:+.3}, {y:+.3}) m (standard deviation {:.3})",
+            "origin moved to ({x:+.3}, {y:+.3}) m (standard deviation {:.3} per axis)",
             mount.origin_std
         ),
-        None => println!("origin left where it was, since the drive turns too little"),
+        None => println!(
+            "origin left where it was: the drive tells it to {:.3} m per axis, and it is known to {:.3} (more turns tell it better)",
+            mount.origin_std_by_drive, mount.origin_std
+        ),
     }
     println!(
         "wheels agree with the poses of {} images by {:.0} %, before {:.0} %",
@@ -96,9 +99,7 @@ pub(super) fn run(args: &MountArgs, json: bool) -> Result<()> {
     println!(
         "[map]\nfile = {:?}\norigin_std = {:.3}\nturn_std_deg = {:.1}",
         args.out.display().to_string(),
-        mount
-            .origin
-            .map_or(GUESSED_ORIGIN_STD, |_| mount.origin_std),
+        mount.origin_std,
         mount.turn_std.to_degrees()
     );
     Ok(())
@@ -111,6 +112,7 @@ fn outcome(mount: &MapMount, args: &MountArgs) -> Outcome {
         turn_std_deg: mount.turn_std.to_degrees(),
         origin_m: mount.origin,
         origin_std_m: mount.origin_std,
+        origin_std_by_drive_m: mount.origin_std_by_drive,
         wheels_agree: mount.wheels_agree[1],
         wheels_agree_before: mount.wheels_agree[0],
         keyframes: mount.keyframes,
