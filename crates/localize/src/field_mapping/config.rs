@@ -21,8 +21,10 @@ pub struct FieldMappingConfig {
     pub reach_last: f32,
     /// Sweeps over the whole drive.
     pub sweeps: usize,
-    /// Error of the wheels along and across the motion, share of it, and of their rotation, beside the correction.
+    /// Error of the wheels along and across the motion, share of it, and of their rotation, before they are corrected.
     pub odometry_noise: f32,
+    /// The same of corrected wheels: those that roll, and those that slip. The map that is more compact counts.
+    pub corrected_odometry_noise: [f32; 2],
     /// Standard deviation of the correction's entries.
     pub correction_std: f32,
     /// Side of the cells whose points are averaged before shapes are fitted.
@@ -56,13 +58,14 @@ impl Default for FieldMappingConfig {
             reach_last: 0.12,
             sweeps: 14,
             odometry_noise: 0.05,
+            corrected_odometry_noise: [0.007, 0.05],
             correction_std: 0.05,
             element: 0.1,
             shape_tolerance: 0.06,
             length_min: 0.5,
             gap_max: 0.45,
             radius_min: 0.3,
-            radius_max: 4.0,
+            radius_max: 7.0,
             line_width: 0.125,
             border: 1.0,
         }

@@ -75,6 +75,18 @@ pub(super) fn average(keyframes: &[Keyframe], config: &FieldMappingConfig) -> Ve
     .collect()
 }
 
+/// Entropy of the points over small cells: the wrong copies of a line beside the true one spread them over more cells.
+pub(super) fn entropy(keyframes: &[Keyframe], config: &FieldMappingConfig) -> f32 {
+    let mut cells: BTreeMap<(i32, i32), f32> = BTreeMap::new();
+    for (at, weight) in keyframes.iter().flat_map(map_points) {
+        let key = [at.x, at.y].map(|value| (value / config.element).floor() as i32);
+        *cells.entry((key[0], key[1])).or_default() += weight;
+    }
+    let total: f32 = cells.values().sum();
+    let shares = cells.values().map(|weight| weight / total);
+    shares.map(|share| -share * math::ln(share)).sum()
+}
+
 /// Half of all points lie in places with at least this count.
 fn typical_count(counts: &[f32]) -> f32 {
     let mut sorted = counts.to_vec();

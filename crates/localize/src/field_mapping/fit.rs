@@ -129,10 +129,10 @@ impl Circle {
     }
 }
 
-/// Standard deviation of a shape's place across it: from the means of the parts of the drive, metres.
+/// Standard deviation of a shape's place across it as one part of the drive has it, metres, and the number of parts.
 ///
 /// The poses of successive keyframes share errors, so the parts count, not the points.
-pub(super) fn std_across(elements: &[&Element], across: impl Fn([f32; 2]) -> f32) -> f32 {
+pub(super) fn std_of_parts(elements: &[&Element], across: impl Fn([f32; 2]) -> f32) -> (f32, f32) {
     let mut sums = [[0.0_f32; 2]; BLOCKS];
     for element in elements {
         for (sum, &[count, x, y]) in sums.iter_mut().zip(&element.blocks) {
@@ -149,7 +149,7 @@ pub(super) fn std_across(elements: &[&Element], across: impl Fn([f32; 2]) -> f32
         .collect();
     let count = means.len() as f32;
     if means.len() < 2 {
-        return UNKNOWN_STD;
+        return (UNKNOWN_STD, 1.0);
     }
     let mean = means.iter().sum::<f32>() / count;
     let squares: f32 = means
@@ -158,7 +158,7 @@ pub(super) fn std_across(elements: &[&Element], across: impl Fn([f32; 2]) -> f32
         .sum();
     // A few parts may agree by chance.
     let prior = UNKNOWN_STD * UNKNOWN_STD;
-    ((squares + prior) / (count * count)).sqrt()
+    (((squares + prior) / count).sqrt(), count)
 }
 
 /// Standard deviation of a shape that one part of the drive saw, metres.

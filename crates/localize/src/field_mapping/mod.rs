@@ -5,6 +5,7 @@
 //! `shapes` fits lines and arcs to them, `layout` turns them into a field.
 
 mod config;
+mod copies;
 mod elements;
 mod error;
 mod fit;
@@ -17,6 +18,9 @@ mod pose_graph;
 mod registration;
 mod shape;
 mod shapes;
+
+use keyframes::Keyframe;
+use pose_graph::OdometryCorrection;
 
 use crate::field::FieldConfig;
 use crate::frames::Pose;
@@ -42,23 +46,43 @@ pub struct MappedField {
     pub residual: f32,
     /// Keyframes that see markings which were first seen much earlier: the loops that hold the map together.
     pub revisits: usize,
+    /// Lines with a longer parallel one close beside them: mostly one line that was mapped twice.
+    pub copies: usize,
+    /// Arcs that are too short to tell centre and radius, left out.
+    pub uncertain_arcs: usize,
 }
+
+/// The keyframes of a drive on one map.
+struct Placed {
+    keyframes: Vec<Keyframe>,
+    correction: OdometryCorrection,
+    revisits: usize,
+    /// Of the points over small cells.
+    entropy: f32,
+}
+
+/// By how much more compact the map with slipping wheels must be: a tenth fewer cells.
+const ENTROPY_ADVANTAGE: f32 = 0.1;
 
 /// Maps the markings that a drive passed. Images in the order of time.
 pub fn map_field(
     images: &[MappingImage],
     config: &FieldMappingConfig,
 ) -> Result<MappedField, FieldMappingError> {
-    let mut keyframes = keyframes::select(images, config)?;
-    let mut correction = registration::place_in_order(&mut keyframes, config);
-    let mut revisits = 0;
-    for sweep in 0..config.sweeps {
-        let share = sweep as f32 / (config.sweeps - 1).max(1) as f32;
-        let reach = config.reach_first + (config.reach_last - config.reach_first) * share;
-        revisits = registration::relax(&mut keyframes, &mut correction, reach, config);
-    }
+    let selected = keyframes::select(images, config)?;
+    let [rolling, slipping] = config
+        .corrected_odometry_noise
+        .map(|wheel_noise| place(selected.clone(), wheel_noise, config));
+    // Poses that the wheels hold less follow the noise of the points, which makes a map a little more compact too.
+    let is_slipping = slipping.entropy + ENTROPY_ADVANTAGE < rolling.entropy;
+    let Placed {
+        keyframes,
+        correction,
+        revisits,
+        ..
+    } = if is_slipping { slipping } else { rolling };
     let elements = elements::average(&keyframes, config);
-    let shapes = shapes::find(&elements, config);
+    let (shapes, uncertain_arcs) = shapes::find(&elements, config);
     if shapes.is_empty() {
         return Err(FieldMappingError::NoMarkings(images.len()));
     }
@@ -78,7 +102,26 @@ pub fn map_field(
         explained_share,
         residual,
         revisits,
+        copies: copies::count(&shapes),
+        uncertain_arcs,
     })
+}
+
+/// Places the keyframes of a drive, with wheels of this noise after their correction.
+fn place(mut keyframes: Vec<Keyframe>, wheel_noise: f32, config: &FieldMappingConfig) -> Placed {
+    let mut correction = registration::place_in_order(&mut keyframes, wheel_noise, config);
+    let mut revisits = 0;
+    for sweep in 0..config.sweeps {
+        let share = sweep as f32 / (config.sweeps - 1).max(1) as f32;
+        let reach = config.reach_first + (config.reach_last - config.reach_first) * share;
+        revisits = registration::relax(&mut keyframes, &mut correction, reach, wheel_noise, config);
+    }
+    Placed {
+        entropy: elements::entropy(&keyframes, config),
+        keyframes,
+        correction,
+        revisits,
+    }
 }
 
 #[cfg(test)]

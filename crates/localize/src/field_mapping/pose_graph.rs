@@ -33,6 +33,8 @@ pub(super) struct PoseGraph<'a> {
     keyframes: &'a mut [Keyframe],
     correction: &'a mut OdometryCorrection,
     config: &'a FieldMappingConfig,
+    /// Error of the wheels beside the correction, share of the motion.
+    wheel_noise: f32,
 }
 
 /// The normal equations.
@@ -71,11 +73,13 @@ impl<'a> PoseGraph<'a> {
         keyframes: &'a mut [Keyframe],
         correction: &'a mut OdometryCorrection,
         config: &'a FieldMappingConfig,
+        wheel_noise: f32,
     ) -> Self {
         PoseGraph {
             keyframes,
             correction,
             config,
+            wheel_noise,
         }
     }
 
@@ -117,10 +121,10 @@ impl<'a> PoseGraph<'a> {
             f64::from(relative.y) - expected[1],
             crate::frames::wrap_angle(relative.theta - expected[2] as f32).into(),
         );
-        let noise = f64::from(self.config.odometry_noise);
+        let noise = f64::from(self.wheel_noise);
         let distance = measured.xy().norm();
-        let along = noise * distance + 0.003;
-        let turn = noise * measured[2].abs() + 0.01 * distance + 0.003;
+        let along = noise * (distance + 0.06);
+        let turn = noise * (measured[2].abs() + 0.2 * distance + 0.06);
         let information =
             Matrix3::from_diagonal(&Vector3::new(along.powi(-2), along.powi(-2), turn.powi(-2)));
         let (sin, cos) = math::sin_cos(f64::from(from.pose.theta));

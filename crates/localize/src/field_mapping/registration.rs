@@ -4,13 +4,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::FieldMappingConfig;
 use super::keyframes::Keyframe;
-use super::point_map::PointMap;
+use super::point_map::{KnownFrom, PieceLookup, PointMap};
 use super::pose_graph::{OdometryCorrection, PointEquations, PoseGraph};
 use crate::frames::{At, FieldFrame, Pose};
 use crate::math;
 
-/// Neighbouring keyframes on each side whose points do not hold a keyframe if others saw the place too.
-const NEIGHBOURS: usize = 12;
 /// Keyframes after which those placed so far are relaxed.
 const RELAX_PERIOD: usize = 40;
 /// Steps of a match, and of each sweep.
@@ -24,6 +22,7 @@ const POINT_WEIGHT: f64 = 0.1;
 /// Places the keyframes one after the other: by the wheels, then by the points of those before. The first is the origin.
 pub(super) fn place_in_order(
     keyframes: &mut [Keyframe],
+    wheel_noise: f32,
     config: &FieldMappingConfig,
 ) -> OdometryCorrection {
     let mut correction = OdometryCorrection::default();
@@ -33,13 +32,19 @@ pub(super) fn place_in_order(
             let predicted = previous.pose * correction.apply(keyframes[index].motion);
             let keyframe = &mut keyframes[index];
             keyframe.pose = predicted;
-            match_pose(keyframe, &map, config);
+            match_pose(keyframe, map.lookup(index), config);
         }
-        map.add(map_points(&keyframes[index]));
+        map.add(index, map_points(&keyframes[index]));
         if (index + 1).is_multiple_of(RELAX_PERIOD) {
             let placed = &mut keyframes[..=index];
             for _ in 0..2 {
-                relax(placed, &mut correction, config.reach_first, config);
+                relax(
+                    placed,
+                    &mut correction,
+                    config.reach_first,
+                    wheel_noise,
+                    config,
+                );
             }
             map = map_of(placed, config);
         }
@@ -52,30 +57,20 @@ pub(super) fn relax(
     keyframes: &mut [Keyframe],
     correction: &mut OdometryCorrection,
     reach: f32,
+    wheel_noise: f32,
     config: &FieldMappingConfig,
 ) -> usize {
-    let map = map_of(keyframes, config);
     let mut revisits = 0;
     for _ in 0..SWEEP_STEPS {
-        let mut window = PointMap::new(config.cell);
-        for keyframe in keyframes.iter().take(NEIGHBOURS) {
-            window.add(map_points(keyframe));
-        }
+        let map = map_of(keyframes, config);
         revisits = 0;
         let mut equations = Vec::with_capacity(keyframes.len());
-        for index in 0..keyframes.len() {
-            if let Some(next) = keyframes.get(index + NEIGHBOURS) {
-                window.add(map_points(next));
-            }
-            if let Some(last) = index.checked_sub(NEIGHBOURS + 1) {
-                window.remove(map_points(&keyframes[last]));
-            }
-            let (equation, seen) = point_equations(&keyframes[index], &map, Some(&window), reach);
+        for (index, keyframe) in keyframes.iter().enumerate() {
+            let (equation, seen) = point_equations(keyframe, &mut map.lookup(index), reach);
             revisits += usize::from(seen >= REVISIT_POINTS);
             equations.push(equation);
         }
-        PoseGraph::new(keyframes, correction, config).step(&equations);
-        // The window holds points at the poses before the step, the map those before the sweep.
+        PoseGraph::new(keyframes, correction, config, wheel_noise).step(&equations);
     }
     revisits
 }
@@ -95,14 +90,14 @@ pub(super) fn map_points(keyframe: &Keyframe) -> impl Iterator<Item = (At<FieldF
 
 fn map_of(keyframes: &[Keyframe], config: &FieldMappingConfig) -> PointMap {
     let mut map = PointMap::new(config.cell);
-    for keyframe in keyframes {
-        map.add(map_points(keyframe));
+    for (index, keyframe) in keyframes.iter().enumerate() {
+        map.add(index, map_points(keyframe));
     }
     map
 }
 
 /// Matches one keyframe to a map, from the pose by the wheels.
-fn match_pose(keyframe: &mut Keyframe, map: &PointMap, config: &FieldMappingConfig) {
+fn match_pose(keyframe: &mut Keyframe, mut pieces: PieceLookup<'_>, config: &FieldMappingConfig) {
     let predicted = keyframe.pose;
     let distance = keyframe.motion.origin().distance();
     let std = [
@@ -113,7 +108,7 @@ fn match_pose(keyframe: &mut Keyframe, map: &PointMap, config: &FieldMappingConf
     let information = std.map(|std| 1.0 / f64::from(std * std));
     let mut reach = config.reach_first;
     for _ in 0..MATCH_STEPS {
-        let (equation, _) = point_equations(keyframe, map, None, reach);
+        let (equation, _) = point_equations(keyframe, &mut pieces, reach);
         let off = keyframe.pose.difference(predicted).map(f64::from);
         let prior = Matrix3::from_diagonal(&Vector3::from(information));
         let normal = equation.normal + prior;
@@ -131,20 +126,20 @@ fn match_pose(keyframe: &mut Keyframe, map: &PointMap, config: &FieldMappingConf
     }
 }
 
-/// Normal equations of a keyframe's points, and the number of points on places that keyframes beyond `window` saw.
+/// Normal equations of a keyframe's points, and the number of points on places that others than its neighbours saw.
 fn point_equations(
     keyframe: &Keyframe,
-    map: &PointMap,
-    window: Option<&PointMap>,
+    pieces: &mut PieceLookup<'_>,
     reach: f32,
 ) -> (PointEquations, usize) {
     let mut sums = PointEquations::default();
     let mut seen = 0;
     for (point, (at, _)) in keyframe.points.iter().zip(map_points(keyframe)) {
-        let Some((piece, is_own)) = map.nearest(at, reach, window) else {
+        let Some(known) = pieces.nearest(at, reach) else {
             continue;
         };
-        seen += usize::from(!is_own);
+        seen += usize::from(known.known_from != KnownFrom::Neighbours);
+        let piece = known.piece;
         let [nx, ny] = piece.normal;
         let residual = nx * (at.x - piece.mean.x) + ny * (at.y - piece.mean.y);
         let scale = 0.5 * reach;

@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 
 use super::FieldMappingConfig;
 use super::elements::Element;
-use super::fit::{Circle, StraightLine, std_across};
+use super::fit::{Circle, StraightLine, std_of_parts};
 use super::junctions;
 use super::shape::Shape;
 use crate::math;
@@ -26,8 +26,11 @@ const TAKEN: f32 = 3.5;
 /// Standard deviation of a line's end along it, metres.
 const END_STD: f32 = 0.05;
 
-/// Finds the lines and arcs, longest first.
-pub(super) fn find(elements: &[Element], config: &FieldMappingConfig) -> Vec<Shape> {
+/// Standard deviation of an arc's centre or radius from which it is left out: it is too short to tell them, metres.
+const ARC_STD_MAX: f32 = 1.0;
+
+/// Finds the lines and arcs, longest first, and the number of arcs that are too uncertain.
+pub(super) fn find(elements: &[Element], config: &FieldMappingConfig) -> (Vec<Shape>, usize) {
     let mut free: Vec<&Element> = elements.iter().collect();
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
     let mut shapes = Vec::new();
@@ -64,8 +67,14 @@ pub(super) fn find(elements: &[Element], config: &FieldMappingConfig) -> Vec<Sha
         free.retain(|element| shape.distance(element.at) > taken);
         shapes.push(shape);
     }
+    let found = shapes.len();
+    shapes.retain(|shape| match shape {
+        Shape::Line { .. } => true,
+        Shape::Arc { std, .. } => std.iter().all(|std| *std <= ARC_STD_MAX),
+    });
+    let left_out = found - shapes.len();
     junctions::join_ends(&mut shapes);
-    shapes
+    (shapes, left_out)
 }
 
 /// The mean of some elements.
@@ -166,7 +175,8 @@ fn line_shape(line: StraightLine, members: &[&Element]) -> Option<Shape> {
     Some(Shape::Line {
         from: line.at(low),
         to: line.at(high),
-        std_across: std_across(members, |at| line.across(at)),
+        // The parts of a drive share the bends of the map: their mean is known no better than one of them.
+        std_across: std_of_parts(members, |at| line.across(at)).0,
         std_along: END_STD,
     })
 }
@@ -278,7 +288,8 @@ fn arc_shape(circle: Circle, members: &[&Element], config: &FieldMappingConfig) 
         let (first, last) = (turned.first()?.0, turned.last()?.0);
         (crate::frames::wrap_angle(first), last - first)
     };
-    let mean_std = f64::from(std_across(members, |at| circle.across(at)));
+    let (std, parts) = std_of_parts(members, |at| circle.across(at));
+    let mean_std = f64::from(std / parts.sqrt());
     Some(Shape::Arc {
         centre: circle.centre,
         radius: circle.radius,

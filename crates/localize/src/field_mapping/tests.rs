@@ -1,5 +1,6 @@
 use super::*;
 use crate::field::Field;
+use crate::math;
 use crate::sample::LinePoint;
 use crate::synthetic::field_mapping::evaluate_mapping;
 use crate::synthetic::rough_drive::RoughDriveConfig;
@@ -97,5 +98,89 @@ fn points_that_are_no_numbers_are_left_out() {
             .map(|[x0, _, x1, _]| (x1 - x0).abs())
             .fold(0.0, f32::max)
             > 2.0
+    );
+}
+
+/// A drive twice around a rectangle of 10 × 6 m past its border, which the robot sees 1.5 m far. Wheels make the motion longer
+/// and turn the robot; everything else is exact.
+fn two_rounds() -> Vec<MappingImage> {
+    use crate::frames::{At, FieldFrame};
+    let (length, width, inset, seen) = (10.0_f32, 6.0_f32, 0.8_f32, 1.5_f32);
+    let corners = [
+        [inset, inset],
+        [length - inset, inset],
+        [length - inset, width - inset],
+        [inset, width - inset],
+    ];
+    let mut poses = Vec::new();
+    for side in 0..8 {
+        let (from, to) = (corners[side % 4], corners[(side + 1) % 4]);
+        let theta = side as f32 * std::f32::consts::FRAC_PI_2;
+        for k in 0..12 {
+            poses.push(Pose::new(
+                from[0],
+                from[1],
+                theta - std::f32::consts::FRAC_PI_2 * (1.0 - k as f32 / 12.0),
+            ));
+        }
+        let steps = (math::hypot(to[0] - from[0], to[1] - from[1]) / 0.1) as usize;
+        for k in 0..steps {
+            let share = k as f32 / steps as f32;
+            poses.push(Pose::new(
+                from[0] + share * (to[0] - from[0]),
+                from[1] + share * (to[1] - from[1]),
+                theta,
+            ));
+        }
+    }
+    let mut painted: Vec<At<FieldFrame>> = Vec::new();
+    for k in 0..=200 {
+        let at = 0.05 * k as f32;
+        painted.extend([At::new(at, 0.0), At::new(at, width)]);
+        if at <= width {
+            painted.extend([
+                At::new(0.0, at),
+                At::new(length, at),
+                At::new(0.5 * length, at),
+            ]);
+        }
+    }
+    let mut previous = poses[0];
+    let images = poses.into_iter().map(|pose| {
+        let motion = previous.inverse() * pose;
+        previous = pose;
+        let robot_from_field = pose.inverse();
+        let near = painted
+            .iter()
+            .filter(|at| at.distance_to(pose.origin()) < seen);
+        MappingImage {
+            motion: [
+                1.02 * motion.x,
+                motion.y,
+                0.99 * motion.theta + 0.01 * motion.x,
+            ],
+            points: near
+                .map(|&at| LinePoint {
+                    at: robot_from_field * at,
+                    std_radial: 0.01,
+                    std_tangential: 0.01,
+                })
+                .collect(),
+        }
+    });
+    images.collect()
+}
+
+#[test]
+fn passes_of_a_drive_with_wrong_wheels_meet_on_one_copy_of_each_line() {
+    let mapped = map_field(&two_rounds(), &FieldMappingConfig::default()).expect("a map");
+    let lines = &mapped.config.extra_lines;
+    // The middle of the halfway line is out of sight: six pieces.
+    assert_eq!(lines.len(), 6, "{lines:?}");
+    assert!(mapped.config.extra_arcs.is_empty() && mapped.copies == 0);
+    let [length, width] = [mapped.config.length, mapped.config.width];
+    assert!(
+        (length - 10.0).abs() < 0.1 && (width - 6.0).abs() < 0.1,
+        "{length} {width}"
     );
 }
