@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use localize::Pose;
 use localize::field::Field;
-use localize::field_mapping::{FieldMappingConfig, MappingImage, map_field};
+use localize::field_mapping::{FieldMappingConfig, MappedField, MappingImage, map_field};
 use localize::frames::{RobotFrame, Tf};
 use pipeline::log::{LogReader, UnpackedSetup};
 use pipeline::recording::Recording;
@@ -53,6 +53,10 @@ pub(super) struct Args {
 const TILT_STD_DEG: f32 = 0.45;
 /// Keyframes that must see places again, for the map to be held together.
 const REVISITS_MIN: usize = 3;
+/// Scatter of the points about the lines and arcs that calibrated cameras and closed loops stay below, metres.
+const RESIDUAL_MAX: f32 = 0.035;
+/// Standard deviation of the markings from which a map says so, metres.
+const MARKING_STD_MAX: f32 = 0.1;
 /// Share of the points that the lines and arcs should explain.
 const EXPLAINED_MIN: f32 = 0.6;
 
@@ -76,19 +80,8 @@ pub(super) fn run(args: &Args, json: bool) -> Result<()> {
         ..FieldMappingConfig::default()
     };
     let mapped = map_field(&images, &config).with_context(|| args.drive.display().to_string())?;
-    let mut warnings = Vec::new();
-    if mapped.revisits < REVISITS_MIN {
-        warnings.push(
-            "the drive came to no place twice: errors of the wheels add up over the map. Drive a loop".to_owned(),
-        );
-    }
-    if mapped.explained_share < EXPLAINED_MIN {
-        warnings.push(format!(
-            "only {:.0} % of the line points lie on the lines and arcs found: are they straight or round, and is the camera calibrated?",
-            100.0 * mapped.explained_share
-        ));
-    }
     let field = Field::new(mapped.config.clone())?;
+    let warnings = warnings(&mapped, &field);
     field_file::write(
         &args.out,
         &mapped.config,
@@ -105,6 +98,49 @@ pub(super) fn run(args: &Args, json: bool) -> Result<()> {
     Outcome::new(&args.out, &mapped.config, warnings)?
         .with_mapping(figures)
         .print(json)
+}
+
+/// What makes the map doubtful.
+fn warnings(mapped: &MappedField, field: &Field) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if mapped.revisits < REVISITS_MIN {
+        warnings.push(
+            "the drive came to no place twice: errors of the wheels add up over the map. Drive a loop".to_owned(),
+        );
+    }
+    if mapped.explained_share < EXPLAINED_MIN {
+        warnings.push(format!(
+            "only {:.0} % of the line points lie on the lines and arcs found: are they straight or round, and is the camera calibrated?",
+            100.0 * mapped.explained_share
+        ));
+    }
+    if mapped.copies > 0 {
+        warnings.push(format!(
+            "{} lines have a parallel one within 0.6 m: if the floor has no such pairs, the map holds these lines twice, because \
+             passes did not meet. Drive more slowly and cross your own path more often",
+            mapped.copies
+        ));
+    }
+    if mapped.residual > RESIDUAL_MAX {
+        warnings.push(format!(
+            "line points scatter by {:.1} cm about the lines and arcs found: check the camera's calibration (mirrorball doctor --recording) before you trust this map",
+            100.0 * mapped.residual
+        ));
+    }
+    let std = field.marking_std();
+    if std > MARKING_STD_MAX {
+        warnings.push(format!(
+            "the markings are known to {:.0} cm only: drive past each of them more than once",
+            100.0 * std
+        ));
+    }
+    if mapped.uncertain_arcs > 0 {
+        warnings.push(format!(
+            "{} arcs were left out: too little of them was seen to tell centre and radius",
+            mapped.uncertain_arcs
+        ));
+    }
+    warnings
 }
 
 /// Line points and motion of a recording folder, and the width of the lines.
