@@ -157,7 +157,7 @@ fn two_rounds() -> Vec<MappingImage> {
             motion: [
                 1.02 * motion.x,
                 motion.y,
-                0.99 * motion.theta + 0.01 * motion.x,
+                0.98 * motion.theta + 0.02 * motion.x,
             ],
             points: near
                 .map(|&at| LinePoint {
