@@ -164,7 +164,8 @@ impl CarpetModel {
     }
 
     /// True if a colour's chroma is neither the carpet's nor white's nor between them, by more than noise and casts of the light.
-    fn is_coloured(&self, rgb: [f32; 3]) -> bool {
+    pub(crate) fn is_coloured(&self, rgb: [u8; 3]) -> bool {
+        let rgb = rgb.map(f32::from);
         let [brightness, along, across] = self.chroma_coordinates(rgb);
         let brightness = brightness.max(1e-6);
         let (share, off) = (along / brightness, across / brightness);
@@ -215,7 +216,6 @@ impl CarpetModel {
         if self.is_grey() {
             return match relative {
                 r if bright && r > 1.2 => ColourClass::WHITE,
-                _ if self.is_coloured(rgb) => ColourClass::OTHER,
                 r if r > config.carpet_brightness_min.max(0.4) => ColourClass::CARPET,
                 _ => ColourClass::BLACK,
             };
@@ -430,22 +430,21 @@ mod tests {
     }
 
     #[test]
-    fn coloured_objects_are_no_carpet_where_brightness_decides() {
+    fn coloured_objects_differ_from_carpet_and_lines_where_brightness_decides() {
         // A green carpet in the noise of a high gain, with things of its own brightness.
         let model = CarpetModel::learn(&pixels([45.0, 75.0, 45.0], 9.0)).expect("a carpet");
         let model = model.with_white([200.0, 200.0, 190.0], 9.0);
         assert!(model.is_grey());
-        let share = |colour: [f32; 3], class: ColourClass| {
+        let share = |colour: [f32; 3]| {
             let pixels = pixels(colour, 9.0);
-            let config = ColourConfig::default();
-            let is_class = |rgb: &&[u8; 3]| model.classify(**rgb, &config, [10.0, 40.0]) == class;
-            pixels.iter().filter(is_class).count() as f32 / pixels.len() as f32
+            let coloured = pixels.iter().filter(|rgb| model.is_coloured(**rgb));
+            coloured.count() as f32 / pixels.len() as f32
         };
         for ball in [[130.0, 55.0, 15.0], [20.0, 50.0, 130.0]] {
-            assert!(share(ball, ColourClass::OTHER) > 0.8, "{ball:?}");
+            assert!(share(ball) > 0.8, "{ball:?}");
         }
-        assert!(share([45.0, 75.0, 45.0], ColourClass::CARPET) > 0.9);
-        assert!(share([200.0, 200.0, 190.0], ColourClass::WHITE) > 0.98);
+        assert!(share([45.0, 75.0, 45.0]) < 0.02);
+        assert!(share([200.0, 200.0, 190.0]) < 0.01);
     }
 
     #[test]
@@ -458,6 +457,7 @@ mod tests {
                 |level: u8| model.classify([level; 3], &ColourConfig::default(), [10.0, 40.0]);
             assert_eq!(class(level), ColourClass::CARPET, "{level}");
             assert_eq!(class(2 * level), ColourClass::WHITE, "{level}");
+            assert!(!model.is_coloured([level; 3]), "{level}");
         }
     }
 

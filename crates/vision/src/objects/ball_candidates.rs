@@ -167,11 +167,11 @@ impl BallGrid {
     pub(crate) fn find_candidates(
         &self,
         image: &ImageView<'_>,
-        table: &ColourLookupTable,
+        tables: PlaceTables<'_>,
         carpet_end: &[f32],
         reach: &[f32],
     ) -> Vec<BallCandidate> {
-        let judged = self.find_places(image, table, reach);
+        let judged = self.find_places(image, tables, reach);
         let mut ranked: Vec<(bool, f32, BallCandidate)> = Vec::new();
         for places in judged.chunks(LANES) {
             let patches = places.iter().map(|&place| &self.coarse[place as usize]);
@@ -202,7 +202,7 @@ impl BallGrid {
     fn find_places(
         &self,
         image: &ImageView<'_>,
-        table: &ColourLookupTable,
+        tables: PlaceTables<'_>,
         reach: &[f32],
     ) -> Vec<u32> {
         let mut found: Vec<u32> = Vec::with_capacity(self.ground.len());
@@ -211,18 +211,19 @@ impl BallGrid {
                 .zip(&self.ground)
                 .filter_map(|(place, ground)| (!ground.is_beyond(reach)).then_some(place)),
         );
-        let classes = PlaceClasses { image, table };
-        classes.retain(
+        let classes = |table| PlaceClasses { image, table };
+        let (ball, floor) = (classes(tables.ball), classes(tables.floor));
+        ball.retain(
             &mut found,
             |place| [self.centres[place]],
             |counts| counts.carpet == 0,
         );
-        classes.retain(
+        ball.retain(
             &mut found,
             |place| self.inner[place],
             |counts| counts.other >= INNER_OTHERS_MIN,
         );
-        classes.retain(
+        floor.retain(
             &mut found,
             |place| floor_pixels(&self.coarse[place]),
             |counts| counts.carpet >= FLOOR_CARPET_MIN,
@@ -313,6 +314,13 @@ impl ClassCounts {
             other: inside - carpet,
         }
     }
+}
+
+/// What is carpet about a ball, and what in it.
+#[derive(Clone, Copy)]
+pub(crate) struct PlaceTables<'a> {
+    pub(crate) floor: &'a ColourLookupTable,
+    pub(crate) ball: &'a ColourLookupTable,
 }
 
 /// Classes of pixels about the places of a grid.

@@ -13,7 +13,7 @@ use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::ObjectDetectionConfig;
 use crate::image::ImageView;
 use crate::objects::ball::BallDetection;
-use crate::objects::ball_candidates::{BallCandidate, BallGrid, separation};
+use crate::objects::ball_candidates::{BallCandidate, BallGrid, PlaceTables, separation};
 use crate::objects::ball_fit::fit_ball;
 use crate::objects::carpet_hull::CarpetHull;
 use crate::objects::covariance::covariance_from_polar;
@@ -66,6 +66,8 @@ pub(crate) struct PixelStageInput<'a> {
     pub(crate) image: &'a ImageView<'a>,
     pub(crate) map: &'a GroundMap,
     pub(crate) lookup_table: &'a ColourLookupTable,
+    /// By which a ball is no carpet, where that is another one.
+    pub(crate) chroma_table: Option<&'a ColourLookupTable>,
     pub(crate) config: &'a ObjectDetectionConfig,
 }
 
@@ -100,9 +102,13 @@ impl PixelStage {
         obstacles: &[RobotDetection],
     ) -> Vec<BallDetection> {
         let reach = self.ball_reach(carpet_end, obstacles);
-        let candidates =
-            self.balls
-                .find_candidates(input.image, input.lookup_table, carpet_end, &reach);
+        let tables = PlaceTables {
+            floor: input.lookup_table,
+            ball: input.chroma_table.unwrap_or(input.lookup_table),
+        };
+        let candidates = self
+            .balls
+            .find_candidates(input.image, tables, carpet_end, &reach);
         let candidates = self
             .balls
             .judge(input.image, candidates, PROBABILITY_BEFORE_FIT);

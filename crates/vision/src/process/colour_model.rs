@@ -10,6 +10,8 @@ use crate::image::PixelFormat;
 pub(super) struct ColourModel {
     pub(super) carpet_model: CarpetModel,
     pub(super) lookup_table: ColourLookupTable,
+    /// The same where brightness decides, but what has another chroma is no carpet; for the search for balls. None elsewhere.
+    pub(super) chroma_table: Option<ColourLookupTable>,
     /// Channel weights that separate white from carpet, of 256.
     pub(super) channel_weights: [u32; 3],
     /// Standard deviation of the weighted brightness on plain carpet, levels.

@@ -101,6 +101,7 @@ impl Vision {
     fn build_colour_model(&self, model: CarpetModel, format: PixelFormat) -> ColourModel {
         ColourModel {
             lookup_table: self.build_lookup_table(format, model, model),
+            chroma_table: self.build_chroma_table(format, model),
             channel_weights: quantize_weights(&model),
             brightness_noise: 0.0,
             learned_carpet_share: 0.0,
@@ -122,11 +123,7 @@ impl Vision {
         let ball = self.config.objects.ball_hue_deg;
         let table = self.colour_table.clone();
         ColourLookupTable::new(move |native| {
-            let rgb = if format.is_yuv() {
-                yuv_to_rgb(native)
-            } else {
-                native
-            };
+            let rgb = to_rgb(native, format);
             match &table {
                 None => model.classify(rgb, &colours, ball),
                 Some(table) if format.is_yuv() && model == prior => table.class(native),
@@ -137,6 +134,26 @@ impl Vision {
                 }))),
             }
         })
+    }
+
+    /// See [`ColourModel::chroma_table`]. A wrong cluster may pass for the carpet in noise, so rays and lines do without it.
+    fn build_chroma_table(
+        &self,
+        format: PixelFormat,
+        model: CarpetModel,
+    ) -> Option<ColourLookupTable> {
+        if !model.is_grey() || self.colour_table.is_some() {
+            return None;
+        }
+        let colours = self.config.colours.clone();
+        let ball = self.config.objects.ball_hue_deg;
+        Some(ColourLookupTable::new(move |native| {
+            let rgb = to_rgb(native, format);
+            match model.is_coloured(rgb) {
+                true => ColourClass::OTHER,
+                false => model.classify(rgb, &colours, ball),
+            }
+        }))
     }
 
     /// Adapts the colours to slow changes of the light, from pixels confirmed by this image.
@@ -173,6 +190,7 @@ impl Vision {
                 model,
                 *colour_model.adaptation.prior(),
             );
+            colour_model.chroma_table = self.build_chroma_table(colour_model.format, model);
             colour_model.channel_weights = quantize_weights(&model);
             colour_model.carpet_model = model;
             self.measure_noise(image, colour_model, found.lines);
@@ -235,6 +253,14 @@ impl Vision {
             below = next;
         }
         0.0
+    }
+}
+
+/// Red, green, blue of a pixel in the camera's own channels.
+fn to_rgb(native: [u8; 3], format: PixelFormat) -> [u8; 3] {
+    match format.is_yuv() {
+        true => yuv_to_rgb(native),
+        false => native,
     }
 }
 

@@ -40,6 +40,7 @@ impl Vision {
             image,
             map: &self.map,
             lookup_table: &colour_model.lookup_table,
+            chroma_table: colour_model.chroma_table.as_ref(),
             config: &self.config.objects,
         };
         let rejected = &mut detections.rejected_objects;
