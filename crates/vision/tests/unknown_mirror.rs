@@ -3,9 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use localize::Field;
+use localize::field::FieldSize;
 use localize::robot::CameraConfig;
 use vision::calibrate::{
-    CalibrationError, NamedImage, calibrate_lines, calibrate_unknown_mirror, find_rim,
+    CalibrationError, NamedImage, calibrate_lines, calibrate_unknown_field,
+    calibrate_unknown_mirror, find_rim,
 };
 use vision::{GroundMap, Image, VisionConfig};
 
@@ -293,6 +295,39 @@ fn field_a_fifth_smaller_is_refused_in_favour_of_the_right_one() {
     );
     let accepted = calibrate("msl_18x12.toml", "custom.toml");
     assert!(accepted.is_ok(), "{:?}", accepted.err());
+}
+
+#[test]
+fn sizes_of_the_field_are_found_with_the_map() {
+    let exact = GroundMap::load(&folder("calibration").join("exact_map.npz")).expect("a map");
+    let real = field("samples/sequence/field.toml").config;
+    let mut given = real.clone();
+    given.width = 11.0;
+    given.centre_circle_radius = 1.7;
+    given.penalty_area.width = 7.2;
+    let given = Field::new(given).expect("a field");
+    let found = calibrate_unknown_field(
+        [480, 480],
+        &given,
+        &images(0..20),
+        &VisionConfig::default(),
+        &|_| (),
+    )
+    .expect("a map");
+    let texts = || found.told.iter().chain(&found.untold);
+    for (size, name) in FieldSize::all(&real).iter().zip([
+        "length",
+        "width",
+        "centre_circle_radius",
+        "penalty_area.width",
+    ]) {
+        let (wanted, got) = (size.get(&real), size.get(&found.field.config));
+        assert!((got - wanted).abs() < 0.02 * wanted, "{name}: {got}");
+        let is_named = texts().any(|text| text.starts_with(name));
+        assert!(is_named || size.get(&given.config) == got, "{name}");
+    }
+    let near = median_map_error(&found.mirror.calibration.map, &exact, 0.5, 3.0);
+    assert!(near <= 0.04, "median {near} m inside 3 m");
 }
 
 #[test]

@@ -43,6 +43,7 @@ impl CalibrationJob {
                         dir,
                         map: None,
                         from_nothing: false,
+                        fit_field: None,
                         out,
                         picture,
                     }),

@@ -222,6 +222,15 @@ impl Rows {
     }
 }
 
+/// A marking as seen from (x, y): signed distance and normal, without cells.
+pub fn tangent(marking: &Marking, x: f32, y: f32) -> NearestMarking {
+    let cell = tangent_to_marking(marking, x, y);
+    NearestMarking {
+        signed_distance: cell.signed_distance,
+        normal: [cell.normal_x, cell.normal_y],
+    }
+}
+
 /// The tangent of the marking nearest to (x, y).
 fn nearest_tangent<'a>(markings: impl Iterator<Item = &'a Marking>, x: f32, y: f32) -> Cell {
     let mut best = Cell::NONE;

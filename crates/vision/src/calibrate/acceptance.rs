@@ -14,6 +14,9 @@ pub(super) const BETTER_FIELD_ODDS: f64 = 1.5;
 /// Smallest accepted share of the points on the field that lie on markings.
 const SHARE_MIN: f64 = 0.7;
 
+/// The same on a field whose sizes were found by the images.
+pub(super) const FOUND_SIZES_SHARE_MIN: f64 = 0.9;
+
 /// The same for images that are too few for a comparison of halves.
 const SHARE_MIN_UNCHECKED: f64 = 0.85;
 
@@ -79,12 +82,18 @@ pub(super) fn ensure_field_explains(found: &LinesCalibration) -> Result<(), Cali
     if share >= share_min {
         return Ok(());
     }
-    Err(CalibrationError::WrongField {
-        share_percent: (100.0 * share) as u32,
+    Err(unexplained(found))
+}
+
+/// The images show another field.
+pub(super) fn unexplained(found: &LinesCalibration) -> CalibrationError {
+    CalibrationError::WrongField {
+        share_percent: (100.0 * found.on_field_share) as u32,
         hint: "Check the sizes in the field file; if they are right, take more images, with the centre circle and corners \
                in view"
             .into(),
-    })
+        is_known: false,
+    }
 }
 
 /// Refuses a map by which most images show too few line points, if those that are left are too few for a comparison of

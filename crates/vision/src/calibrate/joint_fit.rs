@@ -1,9 +1,11 @@
 //! Joint robust least squares of the map correction and all image poses, from line points to markings.
 
-use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
+use localize::matching::distance_field::{DistanceField, DistanceFieldConfig, NearestMarking};
 use localize::math;
 use localize::{Field, Pose};
 use nalgebra::{DMatrix, DVector};
+
+use crate::calibrate::free_sizes::FreeSizes;
 
 /// The markings of a field.
 pub(super) struct Markings {
@@ -146,9 +148,17 @@ impl<P> FitImage<P> {
     }
 }
 
+/// A field of unknown sizes, and what is known of the map instead.
+struct SizesFit {
+    sizes: FreeSizes,
+    /// The parameters of the map that are free.
+    free: &'static [usize],
+}
+
 /// The joint fit: map and images.
 pub(super) struct JointFit<'a, M: MapModel> {
     markings: &'a Markings,
+    sizes: Option<SizesFit>,
     pub(super) model: M,
     pub(super) images: Vec<FitImage<M::Point>>,
 }
@@ -157,8 +167,31 @@ impl<'a, M: MapModel> JointFit<'a, M> {
     pub(super) fn new(markings: &'a Markings, model: M, images: Vec<FitImage<M::Point>>) -> Self {
         JointFit {
             markings,
+            sizes: None,
             model,
             images,
+        }
+    }
+
+    /// The same fit with the sizes of the field unknown. `free`: the parameters of the map that are not known.
+    pub(super) fn with_sizes(self, sizes: FreeSizes, free: &'static [usize]) -> Self {
+        JointFit {
+            sizes: Some(SizesFit { sizes, free }),
+            ..self
+        }
+    }
+
+    /// The map, and the field if its sizes were unknown.
+    pub(super) fn into_model_and_field(self) -> (M, Option<Field>) {
+        (self.model, self.sizes.map(|fit| fit.sizes.into_field()))
+    }
+
+    /// The marking nearest to a place of the field. Appends the derivatives of its distance by unknown sizes.
+    fn nearest(&self, at: [f64; 2], row: &mut Vec<(usize, f64)>) -> NearestMarking {
+        let [x, y] = at.map(|axis| axis as f32);
+        match &self.sizes {
+            Some(fit) => fit.sizes.nearest([x, y], self.model.parameter_count(), row),
+            None => self.markings.distances.nearest(x, y),
         }
     }
 
@@ -183,9 +216,11 @@ impl<'a, M: MapModel> JointFit<'a, M> {
         }
     }
 
-    /// One Gauss-Newton step on the reweighted squares; returns its size. `fit_map`: the map is free too.
+    /// One Gauss-Newton step on the reweighted squares; returns its size. `fit_map`: the map (and unknown sizes) are free too.
     fn gauss_newton_step(&mut self, [metres, relative]: [f64; 2], fit_map: bool) -> f64 {
-        let map_parameters = self.model.parameter_count();
+        let model_parameters = self.model.parameter_count();
+        let size_count = self.sizes.as_ref().map_or(0, |fit| fit.sizes.count());
+        let map_parameters = model_parameters + size_count;
         let unknowns = map_parameters + IMAGE_PARAMETERS * self.images.len();
         let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
         let mut gradient = DVector::<f64>::zeros(unknowns);
@@ -206,10 +241,8 @@ impl<'a, M: MapModel> JointFit<'a, M> {
                 if !(on_field[0].is_finite() && on_field[1].is_finite() && variance.is_finite()) {
                     continue;
                 }
-                let nearest = self
-                    .markings
-                    .distances
-                    .nearest(on_field[0] as f32, on_field[1] as f32);
+                row.clear();
+                let nearest = self.nearest(on_field, &mut row);
                 let distance = f64::from(nearest.signed_distance);
                 let [nx, ny] = nearest.normal.map(f64::from);
                 // The normal in the robot frame.
@@ -220,7 +253,6 @@ impl<'a, M: MapModel> JointFit<'a, M> {
                 let c2 = scale * scale + 9.0 * variance;
                 let weight =
                     (c2 / (c2 + distance * distance)).powi(2) / (variance + 0.01 * scale * scale);
-                row.clear();
                 if fit_map {
                     row.extend(by_map.iter().map(|&(i, moved)| (i, along_normal(moved))));
                 }
@@ -262,11 +294,22 @@ impl<'a, M: MapModel> JointFit<'a, M> {
                 }
             }
         }
-        if !fit_map {
-            for i in 0..map_parameters {
-                gradient[i] = 0.0;
-                normal[(i, i)] += 1e12;
+        if let Some(fit) = &self.sizes {
+            for (i, (weight, off)) in (model_parameters..).zip(fit.sizes.prior_terms()) {
+                gradient[i] += weight * off;
+                normal[(i, i)] += weight;
             }
+        }
+        let is_held = |i: usize| {
+            let is_known = self
+                .sizes
+                .as_ref()
+                .is_some_and(|fit| !fit.free.contains(&i));
+            !fit_map || i < model_parameters && is_known
+        };
+        for i in (0..map_parameters).filter(|&i| is_held(i)) {
+            gradient[i] = 0.0;
+            normal[(i, i)] += 1e12;
         }
         let Some(cholesky) = normal.cholesky() else {
             return 0.0;
@@ -274,6 +317,10 @@ impl<'a, M: MapModel> JointFit<'a, M> {
         let step = -cholesky.solve(&gradient);
         for (value, step) in self.model.parameters_mut().iter_mut().zip(step.iter()) {
             *value += step;
+        }
+        if let Some(fit) = &mut self.sizes {
+            let changes = step.iter().skip(model_parameters).take(size_count);
+            fit.sizes.change(changes.copied());
         }
         let mut size = 0.0f64;
         for (number, image) in self.images.iter_mut().enumerate() {
@@ -324,7 +371,7 @@ impl<'a, M: MapModel> JointFit<'a, M> {
         if !(fx.is_finite() && fy.is_finite() && variance.is_finite()) {
             return None;
         }
-        let nearest = self.markings.distances.nearest(fx as f32, fy as f32);
+        let nearest = self.nearest([fx, fy], &mut Vec::new());
         let distance = f64::from(nearest.signed_distance);
         Some(PointFit {
             distance,

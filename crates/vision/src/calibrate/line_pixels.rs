@@ -30,6 +30,13 @@ pub(super) struct ImagePixels {
     pub(super) refused: Option<String>,
 }
 
+/// The line points of an image, and its index in the list of all images.
+#[derive(Debug, Clone)]
+pub(super) struct SearchImage {
+    pub(super) index: usize,
+    pub(super) points: Vec<PixelPoint>,
+}
+
 /// Detects line points in all images, in parallel.
 pub(super) fn detect_line_pixels(
     camera: &CameraConfig,

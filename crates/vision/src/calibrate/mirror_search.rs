@@ -4,6 +4,7 @@
 //! that explain most points are refined jointly with the poses. Points are judged by distances relative to their range,
 //! since the wrong scale must not decide.
 
+use localize::field::FieldConfig;
 use localize::frames::At;
 use localize::global_search::branch_and_bound::{BranchAndBound, BranchAndBoundConfig};
 use localize::matching::{MatchConfig, Matcher};
@@ -12,7 +13,9 @@ use localize::sample::LinePoint;
 use localize::{Field, Pose};
 use rayon::prelude::*;
 
+use crate::calibrate::free_sizes::FreeSizes;
 use crate::calibrate::joint_fit::{FitImage, JointFit, Markings, Schedule};
+use crate::calibrate::line_pixels::SearchImage;
 use crate::calibrate::radial_family::{RadialFunction, family};
 use crate::calibrate::radial_model::{KnownSizes, PixelPoint, RadialModel};
 
@@ -20,6 +23,12 @@ use crate::calibrate::radial_model::{KnownSizes, PixelPoint, RadialModel};
 const FAMILY_SCHEDULE: Schedule = Schedule {
     metres: &[0.10, 0.08, 0.06, 0.05, 0.05, 0.05, 0.04],
     relative: &[0.12, 0.08, 0.05, 0.035, 0.02, 0.01, 0.005],
+};
+
+/// From poses on a field that is a tenth off to the accuracy of paint.
+const SIZES_SCHEDULE: Schedule = Schedule {
+    metres: &[0.12, 0.09, 0.06, 0.036, 0.024, 0.018, 0.015],
+    relative: &[0.05, 0.04, 0.03, 0.02, 0.01, 0.01, 0.005],
 };
 
 /// A point counts half at this share of its range from a marking; a twentieth, as members are that far from a mirror.
@@ -30,13 +39,6 @@ const REFINED_TOLERANCE: f64 = 0.01;
 
 /// Points beyond this range are not searched, metres.
 const RANGE_MAX: f64 = 9.0;
-
-/// The line points of an image, and its index in the list of all images.
-#[derive(Debug, Clone)]
-pub(super) struct SearchImage {
-    pub(super) index: usize,
-    pub(super) points: Vec<PixelPoint>,
-}
 
 /// A mirror with the poses that it gives the images.
 #[derive(Debug, Clone)]
@@ -191,14 +193,7 @@ impl<'a> MirrorSearch<'a> {
         poses: &[Option<Pose>],
         images: &[SearchImage],
     ) -> MirrorHypothesis {
-        let fit_images = images
-            .iter()
-            .zip(poses)
-            .filter_map(|(image, pose)| {
-                Some(FitImage::new(image.index, image.points.clone(), (*pose)?))
-            })
-            .collect();
-        let mut fit = JointFit::new(self.markings, model.clone(), fit_images);
+        let mut fit = JointFit::new(self.markings, model.clone(), placed(images, poses));
         fit.optimize(&FAMILY_SCHEDULE);
         let points: usize = fit.images.iter().map(|image| image.points.len()).sum();
         let mut radii = explained_radii(&fit);
@@ -213,6 +208,25 @@ impl<'a> MirrorSearch<'a> {
             radii_px: [quantile(0.05), quantile(0.95)],
             model: fit.model,
         }
+    }
+
+    /// Searches the poses of all images on a field of unknown sizes, then fits them, the mirror's tilt and the sizes, which are near
+    /// those of `configured`. `field`: the markings of this search. None if a size cannot change.
+    pub(super) fn refine_sizes(
+        &self,
+        configured: &FieldConfig,
+        field: &Field,
+        model: &RadialModel,
+        images: &[SearchImage],
+    ) -> Option<(RadialModel, Field)> {
+        let sizes = FreeSizes::new(configured, field)?;
+        let poses = self.locate_images(model, images, REFINED_TOLERANCE);
+        let fit_images = placed(images, &poses);
+        let mut fit = JointFit::new(self.markings, model.clone(), fit_images)
+            .with_sizes(sizes, &RadialModel::TILT);
+        fit.optimize(&SIZES_SCHEDULE);
+        let (model, field) = fit.into_model_and_field();
+        Some((model, field?))
     }
 
     /// Alternates joint fits and searches of all poses; the score is that of the last fit.
@@ -235,16 +249,44 @@ impl<'a> MirrorSearch<'a> {
         model: &RadialModel,
         images: &[SearchImage],
     ) -> MirrorHypothesis {
-        let found: Vec<Option<(f64, Pose)>> = images
+        let poses = self.locate_images(model, images, REFINED_TOLERANCE);
+        self.refine(model, &poses, images)
+    }
+
+    /// As `locate_and_refine`, with a model whose scale is a guess.
+    pub(super) fn locate_and_refine_guess(
+        &self,
+        model: &RadialModel,
+        images: &[SearchImage],
+    ) -> MirrorHypothesis {
+        let poses = self.locate_images(model, images, RELATIVE_TOLERANCE);
+        self.refine(model, &poses, images)
+    }
+
+    fn locate_images(
+        &self,
+        model: &RadialModel,
+        images: &[SearchImage],
+        tolerance: f64,
+    ) -> Vec<Option<Pose>> {
+        images
             .par_iter()
             .map_init(
                 || self.search.clone(),
-                |search, image| self.locate_image(search, model, image, REFINED_TOLERANCE),
+                |search, image| Some(self.locate_image(search, model, image, tolerance)?.1),
             )
-            .collect();
-        let poses: Vec<Option<Pose>> = found.into_iter().map(|found| Some(found?.1)).collect();
-        self.refine(model, &poses, images)
+            .collect()
     }
+}
+
+/// The images that have a pose.
+fn placed(images: &[SearchImage], poses: &[Option<Pose>]) -> Vec<FitImage<PixelPoint>> {
+    let pairs = images.iter().zip(poses);
+    pairs
+        .filter_map(|(image, pose)| {
+            Some(FitImage::new(image.index, image.points.clone(), (*pose)?))
+        })
+        .collect()
 }
 
 /// Image radii of the points that lie on markings, pixels.

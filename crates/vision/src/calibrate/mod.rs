@@ -5,6 +5,7 @@ pub mod apparent_size;
 pub mod colours;
 mod edge_field;
 mod field_sizes;
+mod free_sizes;
 mod halves;
 mod joint_fit;
 mod known_map;
@@ -23,11 +24,13 @@ mod radial_model;
 mod repeated_images;
 pub mod rim;
 mod rival_fields;
+mod straight_lines;
 pub mod strip;
 mod strip_edges;
 pub mod strip_target;
 mod two_groups;
 mod two_robots;
+mod unknown_field;
 pub mod unknown_mirror;
 
 pub use acceptance::doubt;
@@ -40,7 +43,9 @@ pub use mount_fit::{MountFit, fit_mount};
 pub use rim::{Rim, RimError, find_rim};
 pub use strip::{StripCalibration, StripImage, calibrate_strip};
 pub use strip_target::Strip;
-pub use unknown_mirror::{UnknownMirror, calibrate_unknown_mirror};
+pub use unknown_mirror::{
+    UnknownField, UnknownMirror, calibrate_unknown_field, calibrate_unknown_mirror,
+};
 
 /// A ground point with its image position.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,6 +83,18 @@ fn listed_reasons(reasons: &[String]) -> String {
     match reasons {
         [] => "Take more images".to_owned(),
         reasons => reasons.join("; "),
+    }
+}
+
+impl CalibrationError {
+    /// True if wrong sizes in the field file may be the reason.
+    pub fn may_be_sizes(&self) -> bool {
+        match self {
+            CalibrationError::WrongField { is_known, .. } => !is_known,
+            // On a wrong field one mirror may explain some of the images and another one the rest.
+            CalibrationError::Undecided(_) | CalibrationError::TwoCameras { .. } => true,
+            _ => false,
+        }
     }
 }
 
@@ -121,6 +138,22 @@ pub enum CalibrationError {
         share_percent: u32,
         /// The field that fits better, or what to check.
         hint: String,
+        /// True if `hint` names a field that fits better.
+        is_known: bool,
+    },
+    /// As `refused`, and sizes that the images fit are known.
+    #[error(
+        "{refused}. The field has other sizes, it seems: with {} {share_percent} % of the points would lie on markings. Measure them, \
+         or let --fit-field FILE.toml write the field and calibrate on it",
+        sizes.join(", ")
+    )]
+    OtherSizes {
+        /// Why the sizes of the file are refused.
+        refused: Box<CalibrationError>,
+        /// Edits of the field file.
+        sizes: Vec<String>,
+        /// Share of the line points on the field that lie on its markings then, percent.
+        share_percent: u32,
     },
     /// The images come from two cameras.
     #[error(

@@ -39,6 +39,23 @@ const NEAR_COUNT: usize = 13;
 const HORIZONS: [f64; 5] = [0.7, 0.83, 0.98, 1.1, 1.3];
 const POWERS: [f64; 2] = [3.0, 8.0];
 
+/// Radii of the horizon and powers of shapes whose scale is not known, finer than those of the family.
+const SHAPE_HORIZONS: [f64; 9] = [0.62, 0.7, 0.76, 0.83, 0.9, 0.98, 1.1, 1.3, 2.0];
+const SHAPE_POWERS: [f64; 4] = [2.0, 3.0, 5.0, 8.0];
+/// Their scale: about the middle of the family.
+const SHAPE_NEAR: f64 = 2.6;
+
+/// Members of one scale, for what does not depend on it.
+pub(super) fn shapes() -> impl Iterator<Item = RadialFunction> {
+    SHAPE_HORIZONS.iter().flat_map(|&horizon| {
+        SHAPE_POWERS.iter().map(move |&power| RadialFunction {
+            near: SHAPE_NEAR,
+            horizon,
+            power,
+        })
+    })
+}
+
 /// All members.
 pub(super) fn family() -> impl Iterator<Item = RadialFunction> {
     let near = (0..NEAR_COUNT).map(|k| NEAR_FIRST * NEAR_STEP.powi(k as i32));

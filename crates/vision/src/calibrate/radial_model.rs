@@ -108,11 +108,26 @@ fn basis(part: f64) -> (usize, [f64; 4], [f64; 4]) {
 }
 
 impl RadialModel {
+    /// The parameters of the mean tilt.
+    pub(super) const TILT: [usize; 2] = [2, 3];
+
     pub(super) fn new(function: RadialFunction, sizes: KnownSizes) -> Self {
         RadialModel {
             function,
             parameters: vec![0.0; PARAMETER_COUNT],
             sizes,
+        }
+    }
+
+    /// The same mirror with all ranges multiplied by a factor.
+    pub(super) fn scaled(&self, factor: f64) -> Self {
+        let function = RadialFunction {
+            near: factor * self.function.near,
+            ..self.function
+        };
+        RadialModel {
+            function,
+            ..self.clone()
         }
     }
 

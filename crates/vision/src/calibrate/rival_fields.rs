@@ -103,6 +103,7 @@ fn wrong_field(own: f64, name: &str, other: f64, advice: &str) -> CalibrationErr
     CalibrationError::WrongField {
         share_percent: (100.0 * own) as u32,
         hint: format!("{name} fits better, with {:.0} %{advice}", 100.0 * other),
+        is_known: true,
     }
 }
 

@@ -6,23 +6,28 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use localize::Field;
+use localize::field::FieldSize;
 use localize::robot::CameraConfig;
 use rayon::prelude::*;
 
-use crate::calibrate::acceptance::{ensure_field_explains, ensure_halves_agree, is_doubtful, odds};
+use crate::calibrate::acceptance::{
+    FOUND_SIZES_SHARE_MIN, ensure_field_explains, ensure_halves_agree, is_doubtful, odds,
+    unexplained,
+};
 use crate::calibrate::field_sizes::find_better_size;
 use crate::calibrate::halves::compare_halves;
 use crate::calibrate::joint_fit::Markings;
-use crate::calibrate::line_pixels::detect_line_pixels;
+use crate::calibrate::line_pixels::{SearchImage, detect_line_pixels};
 use crate::calibrate::lines::{
     GUESS_WIDTH_SLACK, IMAGES_MIN, LinesCalibration, NamedImage, refine_map,
 };
 use crate::calibrate::map_alignment::PlanarTransform;
-use crate::calibrate::mirror_search::{MirrorHypothesis, MirrorSearch, SearchImage};
+use crate::calibrate::mirror_search::{MirrorHypothesis, MirrorSearch};
 use crate::calibrate::radial_model::KnownSizes;
 use crate::calibrate::rim::{Rim, find_rim};
 use crate::calibrate::rival_fields::{ensure_no_scaled_field_fits_better, ensure_none_is_better};
 use crate::calibrate::two_robots::ensure_one_robot;
+use crate::calibrate::unknown_field::find_sizes;
 use crate::calibrate::{CalibrationError, listed_reasons};
 use crate::config::VisionConfig;
 use crate::image::Image;
@@ -45,6 +50,9 @@ const POINTS_MIN: usize = 40;
 
 /// Images of the search: enough to tell mirrors apart.
 const SEARCH_IMAGES: usize = 12;
+
+/// The same if the sizes of the field are searched, too.
+const SIZES_IMAGES: usize = 16;
 
 /// Members of the family that are refined.
 const REFINED: usize = 40;
@@ -84,20 +92,9 @@ pub fn calibrate_unknown_mirror(
     vision_config: &VisionConfig,
     progress: &(dyn Fn(f32) + Sync),
 ) -> Result<UnknownMirror, CalibrationError> {
-    let pictures: Vec<&Image> = images.iter().map(|image| &image.image).collect();
-    let rim = find_rim(&pictures).ok();
-    let camera = start_camera(size_px, rim);
-    progress(0.02);
-    let all = search_images(&camera, field, images, vision_config)?;
-    ensure_one_robot(images)?;
+    let attempt = Attempt::new(size_px, field, images, vision_config)?;
     progress(0.05);
-    let attempt = Attempt {
-        rim_px: f64::from(camera.outer_radius_px.unwrap_or(1.0)),
-        height: f64::from(vision_config.objects.viewpoint_height),
-        width_ratio_min: f64::from(GUESS_WIDTH_SLACK * vision_config.lines.width_ratio_min),
-        all: &all,
-    };
-    let result = attempt.calibrate(&camera, rim, field, images, vision_config, progress);
+    let result = attempt.calibrate(field, images, vision_config, progress);
     let doubtful = match &result {
         Ok(found) => is_doubtful(&found.calibration),
         // On a wrong field one mirror may explain some of the images and another one the rest.
@@ -138,7 +135,95 @@ pub fn calibrate_unknown_mirror(
     Ok(found)
 }
 
+/// A field whose sizes were found, and the camera on it.
+#[derive(Debug, Clone)]
+pub struct UnknownField {
+    /// The field. Its scale is that in which the median size is that of the file.
+    pub field: Field,
+    /// The sizes that differ from those of the file, as edits of it.
+    pub changed: Vec<String>,
+    /// Sizes that the images do not tell, as edits of the file. They are what one of the fits that explain the images has.
+    pub untold: Vec<String>,
+    /// The others of `changed`.
+    pub told: Vec<String>,
+    /// The camera and its map.
+    pub mirror: UnknownMirror,
+}
+
+/// As [`calibrate_unknown_mirror`] on a field whose sizes are not known, but near those of `field`, without other fields.
+pub fn calibrate_unknown_field(
+    size_px: [usize; 2],
+    field: &Field,
+    images: &[NamedImage],
+    vision_config: &VisionConfig,
+    progress: &(dyn Fn(f32) + Sync),
+) -> Result<UnknownField, CalibrationError> {
+    let attempt = Attempt::new(size_px, field, images, vision_config)?;
+    let found = find_sizes(
+        &choose_images(&attempt.all, SIZES_IMAGES),
+        field,
+        attempt.known_sizes(field),
+        |share, best| odds(share) * UNDECIDED_ODDS > odds(best),
+        &|done| progress(0.5 * done),
+    )
+    .ok_or_else(|| CalibrationError::Undecided("no mirror explains the line points".into()))?;
+    let count = found.fields.len() as f32;
+    let mut best: Option<(Field, UnknownMirror)> = None;
+    let mut refused = CalibrationError::Undecided("no field explains the images".into());
+    for (tried, sized) in found.fields.into_iter().enumerate() {
+        let result = attempt.calibrate(&sized, images, vision_config, &|done| {
+            progress(0.5 + 0.5 * (tried as f32 + done) / count);
+        });
+        let share = |mirror: &UnknownMirror| mirror.calibration.on_field_share;
+        match result.and_then(UnknownMirror::with_certain_sizes) {
+            Ok(mirror)
+                if best
+                    .as_ref()
+                    .is_none_or(|(_, best)| share(&mirror) > share(best)) =>
+            {
+                best = Some((sized, mirror));
+            }
+            Ok(_) => {}
+            Err(error) => refused = error,
+        }
+    }
+    let (sized, mirror) = best.ok_or(refused)?;
+    Ok(UnknownField::new(field, sized, &found.told, mirror))
+}
+
+impl UnknownField {
+    /// `told`: the sizes that the images tell.
+    fn new(configured: &Field, field: Field, told: &[FieldSize], mirror: UnknownMirror) -> Self {
+        let (from, to) = (&configured.config, &field.config);
+        let is_changed = |size: &FieldSize| size.get(from) != size.get(to);
+        let texts = |of_told: bool| -> Vec<String> {
+            let sizes = FieldSize::all(from).into_iter();
+            sizes
+                .filter(|size| told.contains(size) == of_told && (is_changed(size) || !of_told))
+                .map(|size| size.text(from, to))
+                .collect()
+        };
+        let changed = FieldSize::all(from).into_iter().filter(is_changed);
+        UnknownField {
+            changed: changed.map(|size| size.text(from, to)).collect(),
+            told: texts(true),
+            untold: texts(false),
+            field,
+            mirror,
+        }
+    }
+}
+
 impl UnknownMirror {
+    /// Sizes that were found must explain about what right ones do, since free sizes explain more than given ones.
+    fn with_certain_sizes(self) -> Result<Self, CalibrationError> {
+        self.ensure_accepted()?;
+        match self.calibration.on_field_share >= FOUND_SIZES_SHARE_MIN {
+            true => Ok(self),
+            false => Err(unexplained(&self.calibration)),
+        }
+    }
+
     fn ensure_accepted(&self) -> Result<(), CalibrationError> {
         ensure_field_explains(&self.calibration)?;
         if self.search_share < SEARCH_SHARE_MIN {
@@ -225,33 +310,54 @@ fn start_camera([width_px, height_px]: [usize; 2], rim: Option<Rim>) -> CameraCo
 }
 
 /// What all searches of one set of images share.
-struct Attempt<'a> {
+struct Attempt {
+    rim: Option<Rim>,
+    /// Before the axis is known.
+    camera: CameraConfig,
     rim_px: f64,
     /// Of the viewpoint above the ground, metres.
     height: f64,
     /// Least width of a line point, in line widths.
     width_ratio_min: f64,
-    all: &'a [SearchImage],
+    all: Vec<SearchImage>,
 }
 
-impl Attempt<'_> {
+impl Attempt {
+    fn new(
+        size_px: [usize; 2],
+        field: &Field,
+        images: &[NamedImage],
+        vision_config: &VisionConfig,
+    ) -> Result<Self, CalibrationError> {
+        let pictures: Vec<&Image> = images.iter().map(|image| &image.image).collect();
+        let rim = find_rim(&pictures).ok();
+        let camera = start_camera(size_px, rim);
+        let all = search_images(&camera, field, images, vision_config)?;
+        ensure_one_robot(images)?;
+        Ok(Attempt {
+            rim,
+            rim_px: f64::from(camera.outer_radius_px.unwrap_or(1.0)),
+            height: f64::from(vision_config.objects.viewpoint_height),
+            width_ratio_min: f64::from(GUESS_WIDTH_SLACK * vision_config.lines.width_ratio_min),
+            camera,
+            all,
+        })
+    }
+
     fn calibrate(
         &self,
-        camera: &CameraConfig,
-        rim: Option<Rim>,
         field: &Field,
         images: &[NamedImage],
         vision_config: &VisionConfig,
         progress: &(dyn Fn(f32) + Sync),
     ) -> Result<UnknownMirror, CalibrationError> {
-        let chosen = choose_images(self.all, SEARCH_IMAGES);
+        let chosen = choose_images(&self.all, SEARCH_IMAGES);
         let step = |done: f32| progress(0.05 + 0.35 * done);
         let ranked = self.rank_models(&chosen, field, REFINED, &step);
         let model = self.decide(field, &ranked)?.model;
-        let rim_camera = camera;
         let camera = CameraConfig {
-            centre_px: model.centre_px(camera),
-            ..camera.clone()
+            centre_px: model.centre_px(&self.camera),
+            ..self.camera.clone()
         };
         let start = model.ground_map(&camera, MAP_RANGE_MAX);
         let mut calibration = refine_map(&camera, &start, field, images, vision_config)?;
@@ -260,22 +366,25 @@ impl Attempt<'_> {
         calibration.disagreement =
             compare_halves(&camera, &start, field, images, vision_config, &calibration);
         progress(0.65);
-        fix_robot_frame(&mut calibration, rim_camera);
+        fix_robot_frame(&mut calibration, &self.camera);
         Ok(UnknownMirror {
             camera,
-            rim,
+            rim: self.rim,
             search_share: ranked.first().map_or(0.0, |best| best.score),
             calibration,
         })
     }
 
     fn search<'m>(&self, field: &Field, markings: &'m Markings) -> MirrorSearch<'m> {
-        let sizes = KnownSizes {
+        MirrorSearch::new(field, markings, self.known_sizes(field))
+    }
+
+    fn known_sizes(&self, field: &Field) -> KnownSizes {
+        KnownSizes {
             rim_px: self.rim_px,
             viewpoint_height: self.height,
             line_width_min: self.width_ratio_min * f64::from(field.config.line_width),
-        };
-        MirrorSearch::new(field, markings, sizes)
+        }
     }
 
     /// Plausible mirrors for some images, by the share of the points that they explain; of the family's best members.
@@ -322,7 +431,7 @@ impl Attempt<'_> {
         };
         let markings = Markings::new(field);
         let search = self.search(field, &markings);
-        let best = search.locate_and_refine(&first.model, self.all);
+        let best = search.locate_and_refine(&first.model, &self.all);
         // With few images two mirrors may differ that are one with all of them.
         let mut tried = vec![first];
         for other in &ranked[1..] {
@@ -330,7 +439,7 @@ impl Attempt<'_> {
                 continue;
             }
             tried.push(other);
-            let rival = search.locate_and_refine(&other.model, self.all);
+            let rival = search.locate_and_refine(&other.model, &self.all);
             if explains_as_well(&rival, &best) && !rival.is_similar_to(&best) {
                 return Err(undecided(&best, &rival));
             }
@@ -346,7 +455,7 @@ impl Attempt<'_> {
         others: &[(String, Field)],
         own: f64,
     ) -> Result<(), CalibrationError> {
-        let chosen = choose_images(self.all, FIELD_IMAGES);
+        let chosen = choose_images(&self.all, FIELD_IMAGES);
         let score = |field: &Field| {
             let ranked = self.rank_models(&chosen, field, FIELD_REFINED, &|_| ());
             ranked.first().map_or(0.0, |best| best.score)

@@ -6,12 +6,14 @@ use anyhow::{Context, Result, ensure};
 use localize::Field;
 use localize::robot::{CameraSection, RobotConfig};
 use vision::calibrate::{
-    ImageResidual, LINES_IMAGES_MAX, LinesCalibration, NamedImage, calibrate_lines,
-    calibrate_unknown_mirror, doubt,
+    CalibrationError, ImageResidual, LINES_IMAGES_MAX, LinesCalibration, NamedImage,
+    calibrate_lines, calibrate_unknown_field, calibrate_unknown_mirror, doubt,
 };
+use vision::output_file::{ensure_can_create, write_file};
 
 use super::images::load_spread_images;
 use super::map::{FoundCamera, Outcome, ensure_map_can_be_saved, outcome, save};
+use crate::commands::arguments;
 use crate::commands::inputs::Inputs;
 use pipeline::PipelineConfig;
 use pipeline::paths;
@@ -33,6 +35,10 @@ pub(crate) struct LinesArgs {
     /// Ignore the robot's map, mirror profile and mirror axis.
     #[arg(long)]
     pub(crate) from_nothing: bool,
+    /// If the sizes in the field file do not fit, find them, too, and write this field file. The robot's map, mirror profile and axis
+    /// are ignored.
+    #[arg(long, value_name = "FIELD.toml", conflicts_with = "map")]
+    pub(crate) fit_field: Option<PathBuf>,
     /// File for the map.
     #[arg(long, value_name = "MAP.npz")]
     pub(crate) out: PathBuf,
@@ -47,6 +53,15 @@ const PROGRESS_STEPS: f32 = 100.0;
 pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
     let inputs = Inputs::of([&*args.dir]).with_file(args.map.as_deref(), "");
     ensure_map_can_be_saved(&inputs, &args.out, args.picture.as_deref())?;
+    if let Some(field) = &args.fit_field {
+        inputs.ensure_kept([Some(&**field)])?;
+        arguments::ensure_distinct_outputs([
+            Some(&*args.out),
+            args.picture.as_deref(),
+            Some(field),
+        ])?;
+        ensure_can_create(field).with_context(|| field.display().to_string())?;
+    }
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
     let section = robot
@@ -54,7 +69,7 @@ pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec
         .as_ref()
         .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
     let known = args.map.is_some() || robot.map.is_some() || robot.mirror.is_some();
-    if args.from_nothing || !known {
+    if args.from_nothing || args.fit_field.is_some() || !known {
         return calibrate_from_nothing(args, section, &Field::load(&robot.field)?);
     }
     let setup = Setup::load(&robot_file, args.map.as_deref())?;
@@ -88,18 +103,39 @@ fn calibrate_from_nothing(
 ) -> Result<(Outcome, Vec<ImageResidual>)> {
     let images = load_spread_images(&args.dir, LINES_IMAGES_MAX)?;
     ensure_size(&images, section, &args.dir)?;
-    let found = with_progress(|progress| {
-        calibrate_unknown_mirror(
-            [section.width_px, section.height_px],
-            field,
-            &known_fields(),
-            &images,
-            &PipelineConfig::default().vision,
-            progress,
-        )
-    })
-    .with_context(|| args.dir.display().to_string())?;
+    let size_px = [section.width_px, section.height_px];
+    let config = PipelineConfig::default().vision;
+    let given = with_progress(|progress| {
+        calibrate_unknown_mirror(size_px, field, &known_fields(), &images, &config, progress)
+    });
+    let may_be_sizes = match &given {
+        Ok(found) => args.fit_field.is_some() && found.calibration.better_size.is_some(),
+        Err(refused) => refused.may_be_sizes(),
+    };
+    let sized = may_be_sizes.then(|| {
+        with_progress(|progress| {
+            calibrate_unknown_field(size_px, field, &images, &config, progress)
+        })
+    });
+    let (found, sized) = match (given, sized) {
+        (given, Some(Ok(sized))) if args.fit_field.is_some() => {
+            drop(given);
+            (sized.mirror.clone(), Some(sized))
+        }
+        (Err(refused), Some(Ok(sized))) => Err(CalibrationError::OtherSizes {
+            refused: Box::new(refused),
+            sizes: sized.changed,
+            share_percent: (100.0 * sized.mirror.calibration.on_field_share) as u32,
+        })
+        .with_context(|| args.dir.display().to_string())?,
+        (given, _) => (given.with_context(|| args.dir.display().to_string())?, None),
+    };
     let calibration = found.calibration;
+    let saved = save_calibration(args, &calibration, &images)?;
+    if let Some(path) = &args.fit_field {
+        let fitted = sized.as_ref().map_or(field, |sized| &sized.field);
+        write_field(path, fitted)?;
+    }
     let outcome = Outcome {
         camera: Some(FoundCamera {
             centre_px: found.camera.centre_px,
@@ -107,9 +143,20 @@ fn calibrate_from_nothing(
             flipped: found.camera.flipped,
             outer_radius_px: found.rim.map(|rim| rim.radius_px),
         }),
-        ..save_calibration(args, &calibration, &images)?
+        field: args.fit_field.clone(),
+        told_sizes: sized.as_ref().map(|sized| sized.told.clone()),
+        untold_sizes: sized.map(|sized| sized.untold),
+        ..saved
     };
     Ok((outcome, calibration.images))
+}
+
+fn write_field(path: &Path, field: &Field) -> Result<()> {
+    let text = format!(
+        "# The sizes of this field are found by `mirrorball calibrate lines --fit-field`, in metres.\n{}",
+        toml::to_string(&field.config)?
+    );
+    write_file(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// Shows a bar while `work` reports the share that is done.

@@ -67,6 +67,15 @@ pub(crate) struct Outcome {
     /// Why the map may be wrong (lines).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) warning: Option<String>,
+    /// File of the field whose sizes were fitted (lines).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) field: Option<PathBuf>,
+    /// Sizes that the images tell and that differ from the given field's, as edits of its file (lines).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) told_sizes: Option<Vec<String>>,
+    /// Sizes that the images do not tell, as edits of the given field's file (lines).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) untold_sizes: Option<Vec<String>>,
     /// Estimated mount of the mirror (profile).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) mount: Option<Mount>,
@@ -164,6 +173,9 @@ pub(super) fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
         rms_m: None,
         inlier_share: None,
         warning: None,
+        field: None,
+        told_sizes: None,
+        untold_sizes: None,
         camera: None,
         disagreement_m: None,
         reach_m: None,

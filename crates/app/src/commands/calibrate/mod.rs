@@ -121,6 +121,33 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             toml::to_string(&mount)?.trim().replace('\n', ", ")
         );
     }
+    print_field(&outcome);
     println!("map: {}", outcome.map.display());
     Ok(())
+}
+
+/// The fitted field, if one was written.
+fn print_field(outcome: &Outcome) {
+    let Some(field) = &outcome.field else {
+        return;
+    };
+    match (&outcome.told_sizes, &outcome.untold_sizes) {
+        (Some(told), Some(untold)) => {
+            if !told.is_empty() {
+                println!("sizes by the images: {}", told.join(", "));
+            }
+            if !untold.is_empty() {
+                println!(
+                    "not told by the images, measure them: {}",
+                    untold.join(", ")
+                );
+            }
+            println!(
+                "lines do not tell the scale of field and mirror together: it is that in which the median size is that of the field \
+                 file. Measure one size, and scale the others if it differs"
+            );
+        }
+        _ => println!("the sizes of the field file fit"),
+    }
+    println!("field: {}", field.display());
 }
