@@ -10,8 +10,9 @@ import random
 import signal
 import socket
 import subprocess
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -201,16 +202,8 @@ def test_invalid_robot_folder_is_reported_in_one_line(tmp_path: Path) -> None:
 def test_key_drives_until_its_hold_time_ends(tmp_path: Path, states: StateOutput) -> None:
     sim = hardware(tmp_path / "robot")
     terminal, end = pty.openpty()
-
-    def own_terminal() -> None:
-        os.setsid()
-        import fcntl
-        import termios
-
-        fcntl.ioctl(end, termios.TIOCSCTTY, 0)
-
     arguments = ["--robot", tmp_path / "robot", "--teleop", "--network", states.network, "--json"]
-    run = start("run", *arguments, preexec_fn=own_terminal)
+    run = start("run", *arguments, preexec_fn=in_own_terminal(end))
     states.wait(30)
     os.write(terminal, b"w")
     # More than the 0.6 s for which one key press drives.
@@ -224,6 +217,47 @@ def test_key_drives_until_its_hold_time_ends(tmp_path: Path, states: StateOutput
     assert report["wheels_stopped"]
     # One key press drives for 0.6 s at 100 commands a second.
     assert 20 < commands["driving"] < 120 and commands["stands_last"]
+
+
+def in_own_terminal(end: int) -> Callable[[], None]:
+    """Makes a pseudo terminal the terminal of the process that calls the result."""
+
+    def take() -> None:
+        os.setsid()
+        import fcntl
+        import termios
+
+        fcntl.ioctl(end, termios.TIOCSCTTY, 0)
+
+    return take
+
+
+def test_run_whose_terminal_is_closed_ends_with_a_complete_log(tmp_path: Path, states: StateOutput) -> None:
+    sim = hardware(tmp_path / "robot")
+    terminal, end = pty.openpty()
+    arguments = ["run", "--robot", tmp_path / "robot", "--network", states.network, "--record", tmp_path / "a.mcap"]
+    run = subprocess.Popen([PROGRAM, *map(str, arguments)], stdin=end, stdout=end, stderr=end, preexec_fn=in_own_terminal(end))
+    os.close(end)
+    reader = threading.Thread(target=read_to_the_end, args=[terminal], daemon=True)
+    reader.start()
+    states.wait(30)
+    # The reader has the terminal open until the run is told: closing the last descriptor hangs it up.
+    os.kill(run.pid, signal.SIGSTOP)
+    os.close(terminal)
+    os.kill(run.pid, signal.SIGHUP)
+    os.kill(run.pid, signal.SIGCONT)
+    # The report cannot be written. A panic in the report of that would abort the process.
+    assert run.wait(60) in (0, 1)
+    sim.send_signal(signal.SIGTERM)
+    assert ended(sim)["commands"]["stands_last"]
+    with (tmp_path / "a.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None
+
+
+def read_to_the_end(descriptor: int) -> None:
+    with contextlib.suppress(OSError):
+        while os.read(descriptor, 4096):
+            pass
 
 
 def free_port() -> int:

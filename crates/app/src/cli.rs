@@ -96,7 +96,7 @@ pub fn run() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("mirrorball: {}", printable(&error_message(&error)));
+            stderr_line!("mirrorball: {}", printable(&error_message(&error)));
             ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
         }
     }

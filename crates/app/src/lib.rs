@@ -3,6 +3,12 @@
 //! The crate exports only the command line and what fuzz targets feed with datagrams, with both sides of a live stream, and
 //! with network.toml.
 
+// eprintln! panics if the terminal is closed.
+#![deny(clippy::print_stderr)]
+
+#[macro_use]
+mod stderr_line;
+
 mod cli;
 
 mod commands;
@@ -28,4 +34,5 @@ mod python;
 pub use cli::run;
 pub use net::check_network_file;
 pub use net::commands::{CommandConfig, CommandFilter, RemoteCommand, RobotIdentity};
+pub use stderr_line::print_stderr;
 pub use stream::{StreamEvent, StreamMessages, TextAnswer, check_client_bytes};

@@ -38,7 +38,7 @@ impl Lines {
     pub(crate) fn show(&self, share: f32) {
         let tenths = (10.0 * share).clamp(0.0, 10.0) as u8;
         if self.printed.fetch_max(tenths, Ordering::Relaxed) < tenths {
-            eprintln!("{}: {} %", self.command, 10 * tenths);
+            stderr_line!("{}: {} %", self.command, 10 * tenths);
         }
     }
 }

@@ -130,10 +130,10 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     partial.finish()?;
     println!("{text}");
     for warning in &warnings {
-        eprintln!("warning: {warning}");
+        stderr_line!("warning: {warning}");
     }
     if args.robot.is_none() {
-        eprintln!(
+        stderr_line!(
             "{}: robot.toml and field.toml are still missing: import with --robot DIR, or copy those of samples/sequence and change them",
             folder.display()
         );

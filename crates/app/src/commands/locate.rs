@@ -79,11 +79,11 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         external_point_std: EXTERNAL_POINT_STD,
     })?;
     if let Some(notice) = run.notice() {
-        eprintln!("note: {notice}");
+        stderr_line!("note: {notice}");
     }
     let setup_warnings = run.setup_report().warnings.len();
     for warning in &run.setup_report().warnings {
-        eprintln!("warning: {warning}");
+        stderr_line!("warning: {warning}");
     }
     let mut outputs = CsvOutputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
     let bar = crate::progress::bar(run.frames() as u64, "frames");
@@ -95,10 +95,10 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     bar.finish_and_clear();
     outputs.finish()?;
     for sentence in result.image_faults.sentences() {
-        eprintln!("{sentence}");
+        stderr_line!("{sentence}");
     }
     for warning in result.warnings.iter().skip(setup_warnings) {
-        eprintln!("warning: {warning}");
+        stderr_line!("warning: {warning}");
     }
     if json {
         println!("{}", serde_json::to_string(&result)?);

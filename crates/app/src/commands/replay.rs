@@ -117,7 +117,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     if args.verify || args.export.is_none() {
         let log = LogReader::open(&args.log)?;
         if let Some(note) = log.header().version_mismatch() {
-            eprintln!("{}: {note}", args.log.display());
+            stderr_line!("{}: {note}", args.log.display());
         }
         if log.header().holds_inputs_only() {
             bail!(
@@ -133,7 +133,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             print(&report);
         }
         for warning in &warnings {
-            eprintln!("warning: {warning}");
+            stderr_line!("warning: {warning}");
         }
         summary.warnings = warnings;
         summary.verified = Some(VerifyOutcome {
@@ -207,7 +207,7 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
     let (setup, config) = (&unpacked.setup, unpacked.config()?);
     let mut pipeline = Pipeline::new(setup, &config)?;
     if let Some(notice) = pipeline.notice() {
-        eprintln!("{notice}");
+        stderr_line!("{notice}");
     }
     let bar = crate::progress::bar(0, "cycles");
     let mut keyframes = KeyframeCollector::new(setup, &config.localize.filter);

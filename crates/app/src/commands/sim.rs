@@ -217,7 +217,7 @@ fn play(args: &Args, json: bool, mut on_cycle: impl FnMut(&Arc<Cycle>)) -> Resul
     outputs.finish()?;
     truths.map_or(Ok(()), CsvWriter::finish)?;
     for warning in &result.warnings {
-        eprintln!("warning: {warning}");
+        stderr_line!("warning: {warning}");
     }
     if json {
         println!("{}", serde_json::to_string(&result)?);

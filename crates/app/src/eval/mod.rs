@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let page = match page::write(&args.out, args.python.as_deref()) {
         Ok(page) => Some(page),
         Err(error) => {
-            eprintln!("mirrorball: cannot draw the page: {error:#}. The tables are complete");
+            stderr_line!("mirrorball: cannot draw the page: {error:#}. The tables are complete");
             None
         }
     };

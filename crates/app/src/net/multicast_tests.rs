@@ -56,7 +56,7 @@ fn teammates_exchange_reports_over_udp_multicast() {
             std::env::var_os("MIRRORBALL_REQUIRE_TOOLS").is_none(),
             "no network namespace: {error}"
         );
-        eprintln!("skipped: no network namespace: {error} (expected root)");
+        stderr_line!("skipped: no network namespace: {error} (expected root)");
         return;
     }
     let started = Instant::now();

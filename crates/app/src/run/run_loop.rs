@@ -314,7 +314,7 @@ impl RunLoop {
             (Some(patrol), _) => builder("patrol").spawn(move || patrol.drive(&arbiter, &stop)),
             (None, true) => builder("teleop").spawn(move || {
                 if let Err(error) = teleop::drive(&arbiter, &stop) {
-                    eprintln!("mirrorball: {error:#}");
+                    stderr_line!("mirrorball: {error:#}");
                     stop.raise();
                 }
             }),
@@ -507,7 +507,7 @@ fn start_log(args: &Args, header: &Header, setup: &Setup) -> Result<Option<LogRo
     let log = LogRotation::start(path, header.clone(), &setup.field, (&config, priority))?;
     if let Some(first) = log.first_file().filter(|first| first != path) {
         let (path, first) = (path.display(), first.display());
-        eprintln!("note: {path} exists and stays: the log is written to {first}");
+        stderr_line!("note: {path} exists and stays: the log is written to {first}");
     }
     Ok(Some(log))
 }

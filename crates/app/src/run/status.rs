@@ -452,7 +452,7 @@ impl RunReport {
         times("a sleeping thread woke late by", self.wake_up_ms);
         println!("{:.1} MB of memory", self.memory_mb);
         for warning in &self.warnings {
-            eprintln!("warning: {warning}");
+            stderr_line!("warning: {warning}");
         }
         for health in &self.devices {
             println!(

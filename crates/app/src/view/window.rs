@@ -289,7 +289,7 @@ pub(crate) fn run_with_window(
         let live = LiveSource::new(inbox, None).with_guard(guard, None);
         let session = Session::from_live(name.to_owned(), live, setup, config);
         if let Err(error) = session.and_then(|session| run_window(session, options)) {
-            eprintln!("mirrorball: {error:#}. The run continues without a window");
+            stderr_line!("mirrorball: {error:#}. The run continues without a window");
         }
         driver
             .join()

@@ -54,7 +54,7 @@ pub(crate) fn run(sim: Simulator, duration: f64, options: &Options<'_>, json: bo
     robot_folder::write_robot_folder(&sim, options)?;
     let stop = StopFlag::on_signals()?;
     let folder = options.folder.display();
-    eprintln!("the devices are ready: mirrorball run --robot {folder}");
+    stderr_line!("the devices are ready: mirrorball run --robot {folder}");
     let mut sim = RealTimeSim::start(sim, options.own_path)?;
     raise_thread_priority();
     let started = sim.start_stamp();

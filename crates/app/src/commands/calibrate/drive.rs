@@ -94,7 +94,7 @@ fn load_recording(folder: &Path) -> Result<Drive> {
         external_point_std: EXTERNAL_POINT_STD,
     })?;
     for warning in &run.setup_report().warnings {
-        eprintln!("warning: {warning}");
+        stderr_line!("warning: {warning}");
     }
     let bar = crate::progress::bar(run.frames() as u64, "frames");
     run.run(|cycle| {

@@ -105,7 +105,7 @@ pub(super) fn load_strip_images(folder: &Path) -> Result<Vec<StripImage>> {
                     image,
                 });
             }
-            Err(error) => eprintln!("{}: left out: {error}", row.location()),
+            Err(error) => stderr_line!("{}: left out: {error}", row.location()),
         }
     }
     ensure!(
@@ -135,7 +135,7 @@ pub(super) fn load_spread_images(folder: &Path, images_max: usize) -> Result<Vec
     let count = table.rows().count();
     let step = count.div_ceil(images_max).max(1);
     if step > 1 {
-        eprintln!(
+        stderr_line!(
             "{} of {count} images are used, evenly spread: more add time, not accuracy",
             count.div_ceil(step)
         );
@@ -147,7 +147,7 @@ pub(super) fn load_spread_images(folder: &Path, images_max: usize) -> Result<Vec
                 common.check(&name, orientation).map_err(Error::msg)?;
                 images.push(NamedImage { name, image });
             }
-            Err(error) => eprintln!("{}: left out: {error}", row.location()),
+            Err(error) => stderr_line!("{}: left out: {error}", row.location()),
         }
     }
     ensure!(

@@ -67,7 +67,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         CalibrateCommand::Latency(args) => return latency::run(args, json),
     };
     if let Some(warning) = &outcome.warning {
-        eprintln!("warning: {warning}");
+        stderr_line!("warning: {warning}");
     }
     if json {
         println!("{}", serde_json::to_string(&outcome)?);

@@ -177,7 +177,7 @@ impl Outcome {
             return Ok(());
         }
         for warning in &self.warnings {
-            eprintln!("warning: {warning}");
+            stderr_line!("warning: {warning}");
         }
         println!(
             "{}: {} lines and {} arcs on {:.2} x {:.2} m",

@@ -97,7 +97,7 @@ impl LogRecorder {
             bail!("{loss}");
         }
         if let Some(error) = finished.error {
-            eprintln!("mirrorball: {error}");
+            stderr_line!("mirrorball: {error}");
         }
         let counts = Counts {
             frames: finished.summary.images,
@@ -120,7 +120,7 @@ impl LogRecorder {
         let mut cycle = Cycle::from_inputs(stamp, inputs, self.covariance);
         cycle.image_fault = fault;
         if let Some(message) = self.log.write_cycle(Arc::new(cycle)) {
-            eprintln!("mirrorball: {message}");
+            stderr_line!("mirrorball: {message}");
         }
     }
 }

@@ -108,7 +108,7 @@ fn record_folder(
     let mut recorder = FolderRecorder::start(partial.path())?;
     let recorded = record(args, robot, hardware, stop, |event| {
         if let DeviceEvent::Health(health) = &event {
-            eprintln!("{}", health_text(health));
+            stderr_line!("{}", health_text(health));
         }
         recorder.write(event)
     });
@@ -146,7 +146,7 @@ fn record_log(
     let recorded = record(args, robot, hardware, stop, |event| {
         if let DeviceEvent::Health(health) = &event {
             let text = health_text(health);
-            eprintln!("{text}");
+            stderr_line!("{text}");
             recorder.write_note(&text);
         }
         recorder.write(event);
@@ -197,10 +197,10 @@ fn record(
     arbiter.attach_base(devices.base.as_ref().map(BaseDriver::handle));
     let teleop_thread = args.teleop.then(|| {
         let (arbiter, stop) = (arbiter.clone(), stop.clone());
-        eprintln!("{}", teleop::HELP);
+        stderr_line!("{}", teleop::HELP);
         std::thread::spawn(move || {
             if let Err(error) = teleop::drive(&arbiter, &stop) {
-                eprintln!("mirrorball: {error:#}");
+                stderr_line!("mirrorball: {error:#}");
                 stop.raise();
             }
         })
