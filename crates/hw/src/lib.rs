@@ -18,6 +18,7 @@ pub mod inertial;
 mod monitor;
 pub mod realtime;
 mod serial;
+mod serial_line;
 mod stamped_socket;
 pub mod wire;
 mod worker;

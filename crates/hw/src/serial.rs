@@ -6,6 +6,7 @@ use localize::Stamp;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{FlockOperation, Mode, OFlags, flock, open};
 use rustix::io::Errno;
+use rustix::ioctl::{Getter, Opcode, ioctl};
 use rustix::termios::{
     ControlModes, OptionalActions, QueueSelector, SpecialCodeIndex, tcflush, tcgetattr, tcsetattr,
 };
@@ -74,6 +75,23 @@ impl SerialPort {
     pub fn discard_input(&self) -> Result<(), HwError> {
         tcflush(&self.fd, QueueSelector::IFlush)
             .map_err(|source| HwError::from_errno(&self.path, "flush", source))
+    }
+
+    /// Discards the bytes that were written and wait in this computer.
+    pub fn discard_output(&self) -> Result<(), HwError> {
+        tcflush(&self.fd, QueueSelector::OFlush)
+            .map_err(|source| HwError::from_errno(&self.path, "flush", source))
+    }
+
+    /// Bytes that were written and wait in this computer; 0 for a driver that does not count them.
+    pub fn unsent_bytes(&self) -> usize {
+        #[expect(unsafe_code, reason = "rustix has no function for TIOCOUTQ")]
+        // SAFETY: TIOCOUTQ writes one int, and changes nothing else.
+        let count = unsafe {
+            let getter = Getter::<{ libc::TIOCOUTQ as Opcode }, libc::c_int>::new();
+            ioctl(&self.fd, getter)
+        };
+        count.map_or(0, |count| usize::try_from(count).unwrap_or(0))
     }
 
     /// Writes all bytes by the deadline.

@@ -69,8 +69,10 @@ pub(crate) struct CommandBuffer {
     dribble: Option<Timed<[f32; 2]>>,
     /// True while a command has not been sent yet.
     pub(crate) pending: bool,
-    /// Brake and release commands sent so far.
+    /// Brake and release commands that the bus has carried so far.
     pub(crate) stops_sent: u64,
+    /// The base reports a pressed emergency stop.
+    pub(crate) emergency_stop: bool,
     /// True once the base accepts no more commands.
     pub(crate) closed: bool,
 }
@@ -94,6 +96,7 @@ impl CommandBuffer {
         *self = CommandBuffer {
             stopped_since: self.drive.map(|_| now).or(self.stopped_since),
             stops_sent: self.stops_sent,
+            emergency_stop: self.emergency_stop,
             closed: self.closed,
             pending: true,
             ..CommandBuffer::default()
@@ -164,7 +167,7 @@ impl CommandBuffer {
 #[derive(Debug, Default)]
 pub(crate) struct SharedCommands {
     buffer: Mutex<CommandBuffer>,
-    /// Notified when a brake or release command was sent.
+    /// Notified when the bus has carried a brake or release command.
     pub(crate) stop_sent: Condvar,
 }
 

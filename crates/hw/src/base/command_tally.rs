@@ -8,6 +8,12 @@ use localize::Stamp;
 
 /// Time for the report of a kick, seconds: boards report the kicker at 10 Hz or more.
 const KICK_REPORT_MAX: f64 = 1.0;
+/// Time after which a board must follow new commands, seconds: its report of an expired command may be this old.
+const FOLLOW_TIME: f64 = 0.2;
+/// A command that comes so shortly before the last one expires may come after it, seconds.
+const VALIDITY_MARGIN: f64 = 0.02;
+/// Time for which a report counts that the base receives no commands, seconds. Boards report their switches at 10 Hz.
+const CONTRADICTION_TIME: f64 = 1.0;
 /// Most commands waiting for a confirmation: a second of them.
 const PENDING_MAX: usize = 128;
 
@@ -24,8 +30,8 @@ impl CommandTally {
         self.sent.load(Ordering::Relaxed)
     }
 
-    /// Commands during whose validity the base reported its wheels without a pressed emergency stop, and kicks that it
-    /// reported as carried out.
+    /// Commands during whose validity, after their arrival, the base reported all its wheels, without a pressed emergency stop and
+    /// without a report that it receives no commands; and kicks that it reported as carried out.
     pub fn confirmed(&self) -> u64 {
         self.confirmed.load(Ordering::Relaxed)
     }
@@ -35,6 +41,7 @@ impl CommandTally {
 #[derive(Debug)]
 struct Pending {
     tally: Arc<CommandTally>,
+    /// When the line has carried it.
     sent: Stamp,
     deadline: Stamp,
     /// Sequence number of the message, for a kick.
@@ -46,9 +53,34 @@ struct Pending {
 pub(super) struct Confirmations {
     pending: VecDeque<Pending>,
     emergency_stop: bool,
+    /// End of the validity of the last command.
+    valid_until: Stamp,
+    /// Since when valid commands arrive without a gap, and since when such that move the wheels.
+    valid_since: Option<Stamp>,
+    moving_since: Option<Stamp>,
+    /// The base has reported a command of speed zero as valid.
+    zero_is_valid: bool,
+    /// When the base last reported that its last command had expired, although valid ones arrived until then.
+    contradicted: Option<Stamp>,
 }
 
 impl Confirmations {
+    /// What was sent has not reached the base: it is to be forgotten.
+    pub(super) fn on_output_discarded(&mut self) {
+        self.pending.clear();
+        self.valid_since = None;
+        self.moving_since = None;
+    }
+
+    /// A command, that moves the wheels or not, arrives at `arrival` and is valid until then.
+    pub(super) fn on_command_sent(&mut self, moves: bool, arrival: Stamp, valid_until: Stamp) {
+        let is_continuous = arrival + VALIDITY_MARGIN <= self.valid_until;
+        self.valid_until = valid_until;
+        let since = |since: Option<Stamp>| since.filter(|_| is_continuous).or(Some(arrival));
+        self.valid_since = since(self.valid_since);
+        self.moving_since = since(self.moving_since).filter(|_| moves);
+    }
+
     /// A motion command was sent.
     pub(super) fn on_drive_sent(
         &mut self,
@@ -89,14 +121,14 @@ impl Confirmations {
         });
     }
 
-    /// The base reported its wheels at `stamp`: it confirms the commands sent before that are valid then.
+    /// The base has reported all its wheels at `stamp`: that confirms the commands sent before that are valid then.
     pub(super) fn on_wheel_report(&mut self, stamp: Stamp) {
-        let emergency_stop = self.emergency_stop;
+        let is_held = self.emergency_stop || self.receives_nothing(stamp);
         self.pending.retain(|pending| {
             if pending.kick.is_some() || stamp < pending.sent {
                 return pending.deadline >= stamp;
             }
-            if stamp <= pending.deadline && !emergency_stop {
+            if stamp <= pending.deadline && !is_held {
                 pending.tally.confirmed.fetch_add(1, Ordering::Relaxed);
             }
             false
@@ -119,9 +151,33 @@ impl Confirmations {
         self.emergency_stop
     }
 
-    /// The base reported its emergency stop.
-    pub(super) fn on_switches(&mut self, emergency_stop: bool) {
+    /// The base reported its emergency stop, and whether its last command had expired.
+    pub(super) fn on_switches(
+        &mut self,
+        emergency_stop: bool,
+        command_stale: bool,
+        arrival: Stamp,
+    ) {
         self.emergency_stop = emergency_stop;
+        let is_long_ago =
+            |since: Option<Stamp>| since.is_some_and(|since| arrival - since > FOLLOW_TIME);
+        let has_valid = is_long_ago(self.valid_since);
+        if !command_stale {
+            self.contradicted = None;
+            self.zero_is_valid |= has_valid && self.moving_since.is_none();
+        } else if !emergency_stop
+            && has_valid
+            && (self.zero_is_valid || is_long_ago(self.moving_since))
+        {
+            self.contradicted = Some(arrival);
+        }
+    }
+
+    /// Does the base report that its last command has expired, although valid ones arrive without a gap? Some boards report a
+    /// command of speed zero as expired: then only commands that move the wheels are evidence.
+    pub(super) fn receives_nothing(&self, now: Stamp) -> bool {
+        self.contradicted
+            .is_some_and(|reported| now - reported <= CONTRADICTION_TIME)
     }
 }
 
@@ -151,7 +207,7 @@ mod tests {
             (2, 1),
             "the report came after the command had expired"
         );
-        waiting.on_switches(true);
+        waiting.on_switches(true, false, Stamp(190 * MS));
         waiting.on_drive_sent(source(), Stamp(200 * MS), Stamp(300 * MS));
         waiting.on_wheel_report(Stamp(210 * MS));
         assert_eq!(counts(), (3, 1), "the emergency stop is pressed");
@@ -162,5 +218,41 @@ mod tests {
         waiting.on_kicker_report(77, Stamp(500 * MS));
         waiting.on_kicker_report(77, Stamp(600 * MS));
         assert_eq!(counts(), (4, 2));
+    }
+
+    #[test]
+    fn report_of_expired_commands_while_new_ones_drive_shows_that_the_base_receives_none() {
+        let mut waiting = Confirmations::default();
+        let send = |waiting: &mut Confirmations, moves, from: i64, until: i64| {
+            for at in (from..until).step_by(10) {
+                waiting.on_command_sent(moves, Stamp(at * MS), Stamp((at + 100) * MS));
+            }
+        };
+        // Speeds of zero are no evidence, nor are the first moments of a drive, nor a pressed emergency stop, nor commands with a gap.
+        send(&mut waiting, false, 0, 1000);
+        waiting.on_switches(false, true, Stamp(900 * MS));
+        send(&mut waiting, true, 1000, 1300);
+        waiting.on_switches(false, true, Stamp(1100 * MS));
+        waiting.on_switches(true, true, Stamp(1300 * MS));
+        waiting.on_command_sent(true, Stamp(1395 * MS), Stamp(1500 * MS));
+        waiting.on_switches(false, true, Stamp(1400 * MS));
+        assert!(!waiting.receives_nothing(Stamp(1410 * MS)));
+        send(&mut waiting, true, 1400, 1700);
+        waiting.on_switches(false, true, Stamp(1700 * MS));
+        assert!(waiting.receives_nothing(Stamp(1710 * MS)));
+        let tally = Arc::new(CommandTally::default());
+        waiting.on_drive_sent(Some(Arc::clone(&tally)), Stamp(1720 * MS), Stamp(1800 * MS));
+        waiting.on_wheel_report(Stamp(1730 * MS));
+        assert_eq!((tally.sent(), tally.confirmed()), (1, 0));
+        // What it last reported holds while nothing moves, and ends with another report or after a second.
+        send(&mut waiting, false, 1700, 2300);
+        waiting.on_switches(false, true, Stamp(2200 * MS));
+        assert!(waiting.receives_nothing(Stamp(2600 * MS)));
+        assert!(!waiting.receives_nothing(Stamp(2800 * MS)));
+        waiting.on_switches(false, false, Stamp(2300 * MS));
+        assert!(!waiting.receives_nothing(Stamp(2300 * MS)));
+        // A board that has once reported a speed of zero as valid contradicts by such commands, too.
+        waiting.on_switches(false, true, Stamp(2310 * MS));
+        assert!(waiting.receives_nothing(Stamp(2310 * MS)));
     }
 }

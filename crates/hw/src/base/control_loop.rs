@@ -8,15 +8,19 @@ use localize::sample::VelocityCommand;
 
 use super::command_buffer::{BaseRequest, MotionCommand, SharedCommands, Timed};
 use super::command_tally::Confirmations;
-use super::link::{BaseLink, BaseReport, MotorCommand};
+use super::link::{BaseLink, BaseReport, MotorCommand, command_rate_max};
 use super::odometer::{Odometer, OdometryUpdate};
+use super::reports::SwitchReport;
 use crate::clock;
-use crate::config::BaseDeviceConfig;
+use crate::config::{BaseDeviceConfig, COMMAND_VALIDITY_MAX};
 use crate::error::HwError;
 use crate::event_queue::{DeviceEvent, EventQueue};
 use crate::health::HealthState;
 use crate::monitor::Monitor;
 use crate::worker::{PauseDetector, StallDetector, Waker, pause_reason};
+
+/// Time after which a bus that carries commands is asked again whether it has, seconds.
+const IDLE_POLL_PERIOD: f64 = 0.001;
 
 /// State of the base's thread.
 pub(super) struct ControlLoop {
@@ -27,9 +31,21 @@ pub(super) struct ControlLoop {
     pub(super) wheel_radius: f32,
     pub(super) odometer: Odometer,
     pub(super) confirmations: Confirmations,
+    pub(super) output: OutputState,
     pub(super) commands: Arc<SharedCommands>,
     pub(super) monitor: Monitor,
     pub(super) queue: EventQueue,
+}
+
+/// What the bus has taken of the last commands.
+#[derive(Debug, Default)]
+pub(super) struct OutputState {
+    /// The last command drives.
+    drives: bool,
+    /// The last command stops the wheels, and the bus has not carried it yet.
+    stop_on_the_way: bool,
+    /// Since when commands wait because the bus does not carry the last one.
+    blocked_since: Option<Stamp>,
 }
 
 impl ControlLoop {
@@ -44,6 +60,8 @@ impl ControlLoop {
         // Commands from before the bus was open are discarded: the wheels stop first.
         self.commands.lock().halt(start);
         self.confirmations = Confirmations::default();
+        self.output = OutputState::default();
+        let mut rate_checked = false;
         let mut pause_detector = PauseDetector::new(start);
         link.send_motor_command(MotorCommand::Release, start)?;
         while !waker.stop_requested() {
@@ -52,16 +70,22 @@ impl ControlLoop {
                 let buffer = self.commands.lock();
                 (buffer.pending, buffer.stops())
             };
+            self.confirm_stop(link.is_idle(now));
+            let mut waits = false;
             // New commands go out at once, but no faster than the rate: a serial line would queue them.
             if (is_new && (stops || now >= next_new)) || now >= next_send {
-                self.send_commands(link, now, start)?;
-                // The period restarts at a new command, so that it is not sent twice in a row.
-                next_send = now + period;
-                if is_new {
-                    next_new = next_send;
+                waits = !self.send_commands(link, now, start)?;
+                if !waits {
+                    // The period restarts at a new command, so that it is not sent twice in a row.
+                    next_send = now + period;
+                    if is_new {
+                        next_new = next_send;
+                    }
                 }
             }
-            let until = if self.commands.lock().pending {
+            let until = if waits || self.output.stop_on_the_way {
+                link.carried_at(now).max(now + IDLE_POLL_PERIOD)
+            } else if self.commands.lock().pending {
                 next_new.min(next_send)
             } else {
                 next_send
@@ -69,6 +93,8 @@ impl ControlLoop {
             let readable = waker.wait(Some(link.fd()), until);
             if let Some(pause) = pause_detector.check(clock::now()) {
                 link.discard_input()?;
+                // The base has rightly stopped meanwhile.
+                self.confirmations.on_output_discarded();
                 self.monitor.report_event(pause_reason(pause));
                 stall_detector.on_message(clock::now(), link.stats().garbage_bytes);
                 continue;
@@ -83,10 +109,6 @@ impl ControlLoop {
                     stall_detector.on_message(arrival, stats.garbage_bytes);
                     self.process_report(report, arrival);
                 }
-                if let Some(step) = link.take_clock_step() {
-                    let reason = format!("the board's clock stepped by {step:.2} s");
-                    self.monitor.report_event(reason);
-                }
                 if self.odometer.counter_jumps > jumps {
                     let reason = "a wheel's counter jumped: odometry restarts".to_owned();
                     self.monitor.report_event(reason);
@@ -94,82 +116,129 @@ impl ControlLoop {
             }
             let now = clock::now();
             stall_detector.check(now, link.stats().garbage_bytes)?;
-            self.update_health(now, start);
+            self.update_health(link, now, start);
+            if !rate_checked && self.odometer.all_updated_since(start) {
+                rate_checked = true;
+                self.report_slow_line();
+            }
         }
         self.commands.lock().halt(clock::now());
-        self.send_commands(link, clock::now(), start)
+        let deadline = clock::now() + COMMAND_VALIDITY_MAX;
+        while !self.send_commands(link, clock::now(), start)? && clock::now() < deadline {
+            waker.wait(None, clock::now() + IDLE_POLL_PERIOD);
+        }
+        // A port that is closed waits for its output, or drops it.
+        while !link.is_idle(clock::now()) && clock::now() < deadline {
+            waker.wait(None, clock::now() + IDLE_POLL_PERIOD);
+        }
+        self.confirm_stop(link.is_idle(clock::now()));
+        Ok(())
     }
 
-    /// Sends the commands that are valid now. `start`: of the connection. A base that must not drive gets no speeds and no kicks, and
-    /// its dribbler stands: they would turn the moment it may again.
+    /// Counts the last stop once the bus has carried it.
+    fn confirm_stop(&mut self, is_idle: bool) {
+        if is_idle && std::mem::take(&mut self.output.stop_on_the_way) {
+            self.commands.lock().stops_sent += 1;
+            self.commands.stop_sent.notify_all();
+        }
+    }
+
+    /// Reports a line that does not carry the commands of the configured rate.
+    fn report_slow_line(&self) {
+        let rate_max = command_rate_max(&self.device, self.omni.wheel_count());
+        if let Some(rate_max) = rate_max.filter(|most| *most < f64::from(self.device.rate_hz)) {
+            let BaseDeviceConfig { baud, rate_hz, .. } = self.device;
+            self.monitor.report_event(format!(
+                "{baud} baud carry {rate_max:.0} of {rate_hz} commands per second: fewer are sent"
+            ));
+        }
+    }
+
+    /// Sends the commands that are valid when they arrive. `start`: of the connection. A base that must not drive gets no speeds and no
+    /// kicks, and its dribbler stands: they would turn the moment it may again.
+    ///
+    /// False if the bus still carries the last commands: the newest wait here, where they expire, and not behind old ones. Only a stop
+    /// goes out at once, in place of commands that drive.
     fn send_commands(
         &mut self,
         link: &mut BaseLink,
         now: Stamp,
         start: Stamp,
-    ) -> Result<(), HwError> {
+    ) -> Result<bool, HwError> {
+        let may_drive = !self.confirmations.emergency_stop() && !self.is_blind(now, start);
+        let is_idle = link.is_idle(now);
+        let arrival = link.command_arrival(now);
         let (request, drive_tally, kick, kick_tally, dribble) = {
             let mut buffer = self.commands.lock();
+            let request = buffer.current_request(arrival, self.device.brake_time);
+            let drives = may_drive && matches!(request, BaseRequest::Drive(_));
+            if !is_idle && (drives || !self.output.drives) {
+                self.output.blocked_since.get_or_insert(now);
+                return Ok(false);
+            }
             buffer.pending = false;
             (
-                buffer.current_request(now, self.device.brake_time),
+                request,
                 buffer.take_drive_tally(),
-                buffer.take_kick(now),
+                buffer.take_kick(arrival),
                 buffer.take_kick_tally(),
-                buffer.current_dribble(now),
+                buffer.current_dribble(arrival),
             )
         };
-        let may_drive = !self.confirmations.emergency_stop() && !self.is_blind(now, start);
-        let twist = match request {
-            BaseRequest::Drive(_) if !may_drive => {
-                link.send_motor_command(MotorCommand::Brake, now)?;
-                Twist::default()
-            }
-            BaseRequest::Drive(request) => {
-                let command = self.motor_command(request, now);
-                link.send_motor_command(command, now)?;
-                self.confirmations
-                    .on_drive_sent(drive_tally, now, request.deadline);
-                match command {
-                    MotorCommand::Speeds { twist, .. } => twist,
-                    MotorCommand::Brake | MotorCommand::Release => Twist::default(),
-                }
-            }
-            BaseRequest::Brake | BaseRequest::Release => {
-                let command = if request == BaseRequest::Brake {
-                    MotorCommand::Brake
-                } else {
-                    MotorCommand::Release
-                };
-                link.send_motor_command(command, now)?;
-                self.commands.lock().stops_sent += 1;
-                self.commands.stop_sent.notify_all();
-                Twist::default()
-            }
+        if is_idle {
+            self.output.blocked_since = None;
+        } else if link.discard_output(now)? {
+            self.confirmations.on_output_discarded();
+        }
+        let arrival = link.command_arrival(now);
+        let command = match request {
+            BaseRequest::Drive(request) if may_drive => self.motor_command(request, arrival),
+            BaseRequest::Drive(_) | BaseRequest::Brake => MotorCommand::Brake,
+            BaseRequest::Release => MotorCommand::Release,
         };
+        link.send_motor_command(command, now)?;
+        let twist = match (command, request) {
+            (MotorCommand::Speeds { twist, .. }, BaseRequest::Drive(request)) => {
+                self.confirmations
+                    .on_drive_sent(drive_tally, arrival, request.deadline);
+                twist
+            }
+            _ => Twist::default(),
+        };
+        self.output.drives = matches!(command, MotorCommand::Speeds { .. });
+        self.output.stop_on_the_way = !matches!(request, BaseRequest::Drive(_));
+        let valid_until = match request {
+            BaseRequest::Drive(request) if self.output.drives => request.deadline,
+            _ => arrival + COMMAND_VALIDITY_MAX,
+        };
+        self.confirmations
+            .on_command_sent(command.moves(), arrival, valid_until);
         self.queue
             .push(DeviceEvent::Command(VelocityCommand { stamp: now, twist }));
-        if let Some(kick) = kick.filter(|_| may_drive) {
-            let sequence = link.kick(kick.value, kick.remaining(now), now)?;
-            self.confirmations.on_kick_sent(kick_tally, now, sequence);
+        // A kick that waits on its way to the board would be carried out whenever the board receives it.
+        let may_kick = may_drive && !self.confirmations.receives_nothing(now);
+        if let Some(kick) = kick.filter(|_| may_kick) {
+            let sequence = link.kick(kick.value, kick.remaining(arrival), now)?;
+            self.confirmations
+                .on_kick_sent(kick_tally, link.carried_at(now), sequence);
         }
         if let Some(dribble) = dribble {
-            let speeds = if may_drive { dribble.value } else { [0.0; 2] };
-            link.dribble(speeds, dribble.remaining(now), now)?;
+            let speeds = if may_kick { dribble.value } else { [0.0; 2] };
+            link.dribble(speeds, dribble.remaining(arrival), now)?;
         }
-        Ok(())
+        Ok(true)
     }
 
-    /// Does the board send no encoder counts, or no controller on the bus anything, in this connection? What the wheels do then is
+    /// Does a wheel not report, by its own controller or by the board's encoder counts, in this connection? What the wheels do then is
     /// unknown. A connection that was opened anew because of silence knows as little as the one before.
     fn is_blind(&self, now: Stamp, start: Stamp) -> bool {
-        let stall = self.device.stall;
-        let mut reporting = self.odometer.reporting_wheels(now, start, stall);
-        if self.device.nodes.is_empty() {
-            !reporting.all(|reports| reports)
-        } else {
-            !reporting.any(|reports| reports)
-        }
+        let timeout = self.device.stall;
+        !self.odometer.all_updated_since(start)
+            || self
+                .odometer
+                .silent_wheels(now, start, timeout)
+                .next()
+                .is_some()
     }
 
     /// Speeds of the motors; no wheel's rim is faster than the robot's top speed.
@@ -206,15 +275,13 @@ impl ControlLoop {
     }
 
     fn process_report(&mut self, report: BaseReport, arrival: Stamp) {
-        let update = match report {
+        let (update, stamp) = match report {
             BaseReport::WheelCounts(counts, stamp) => {
-                self.confirmations.on_wheel_report(stamp);
-                self.odometer
-                    .update_all(&counts[..self.omni.wheel_count()], stamp)
+                let counts = &counts[..self.omni.wheel_count()];
+                (self.odometer.update_all(counts, stamp, arrival), stamp)
             }
             BaseReport::WheelCount(wheel, count, stamp) => {
-                self.confirmations.on_wheel_report(stamp);
-                self.odometer.update_wheel(wheel, count, stamp)
+                (self.odometer.update_wheel(wheel, count, stamp), stamp)
             }
             BaseReport::Power(report) => return self.queue.push(DeviceEvent::Power(report)),
             BaseReport::Kicker(report) => {
@@ -223,7 +290,14 @@ impl ControlLoop {
                 return self.queue.push(DeviceEvent::Kicker(report));
             }
             BaseReport::Switches(report) => {
-                self.confirmations.on_switches(report.emergency_stop);
+                let SwitchReport {
+                    emergency_stop,
+                    command_stale,
+                    ..
+                } = report;
+                self.confirmations
+                    .on_switches(emergency_stop, command_stale, arrival);
+                self.commands.lock().emergency_stop = emergency_stop;
                 return self.queue.push(DeviceEvent::Switches(report));
             }
             BaseReport::Imu(imu) => return self.queue.push(DeviceEvent::Imu(imu)),
@@ -231,6 +305,7 @@ impl ControlLoop {
         };
         // The rate of the base is that of its odometry.
         if update != OdometryUpdate::Incomplete {
+            self.confirmations.on_wheel_report(stamp);
             self.monitor.count_message(arrival);
         }
         if let OdometryUpdate::Motion(odometry) = update {
@@ -238,21 +313,55 @@ impl ControlLoop {
         }
     }
 
-    /// Sets the state: stalled if a wheel is silent, running once all wheels have reported since `start`.
-    fn update_health(&self, now: Stamp, start: Stamp) {
-        let timeout = self.device.stall;
-        match self.odometer.silent_wheel(now, start, timeout) {
-            Some(wheel) => {
-                let reason = match self.device.nodes.get(wheel) {
-                    Some(node) => format!("controller {node} of wheel {wheel} is silent"),
-                    None => "the board sends no encoder counts: the wheels are braked".to_owned(),
-                };
-                self.monitor.set_state(HealthState::Stalled, Some(reason));
-            }
-            None if self.odometer.all_updated_since(start) => {
-                self.monitor.set_state(HealthState::Running, None)
-            }
-            None => {}
+    /// Sets the state: stalled if a wheel is silent or no command arrives, running once all wheels have reported since `start`.
+    fn update_health(&self, link: &BaseLink, now: Stamp, start: Stamp) {
+        if let Some(reason) = self.stall_reason(now, start) {
+            self.monitor.set_state(HealthState::Stalled, Some(reason));
+        } else if let Some(fault) = link.clock_fault(now) {
+            let what = match fault.step {
+                Some(step) => format!("the board's clock stepped by {step:.2} s"),
+                None => "the board's clock stands still or runs unevenly".to_owned(),
+            };
+            let reason = format!("{what}: its messages are stamped on arrival");
+            self.monitor.set_state(HealthState::Clock, Some(reason));
+        } else if self.odometer.all_updated_since(start) {
+            self.monitor.set_state(HealthState::Running, None);
         }
+    }
+
+    /// Why the base cannot be driven now.
+    fn stall_reason(&self, now: Stamp, start: Stamp) -> Option<String> {
+        let timeout = self.device.stall;
+        let silent: Vec<usize> = self.odometer.silent_wheels(now, start, timeout).collect();
+        if !silent.is_empty() {
+            if self.device.nodes.is_empty() {
+                return Some("the board sends no encoder counts: the wheels are braked".to_owned());
+            }
+            let names: Vec<String> = silent
+                .iter()
+                .filter_map(|wheel| {
+                    Some(format!(
+                        "{} of wheel {wheel}",
+                        self.device.nodes.get(*wheel)?
+                    ))
+                })
+                .collect();
+            let (noun, verb) = if names.len() == 1 {
+                ("controller", "is")
+            } else {
+                ("controllers", "are")
+            };
+            let names = names.join(", ");
+            return Some(format!(
+                "{noun} {names} {verb} silent: the wheels are braked"
+            ));
+        }
+        let blocked_for = self.output.blocked_since.map_or(0.0, |since| now - since);
+        if blocked_for > f64::from(timeout) {
+            return Some("it takes no bytes: commands are not sent".to_owned());
+        }
+        self.confirmations.receives_nothing(now).then(|| {
+            "the board reports that its last command has expired, but it is sent new ones: it receives none".to_owned()
+        })
     }
 }

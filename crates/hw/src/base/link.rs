@@ -8,15 +8,18 @@ use localize::sample::{Compass, Imu};
 use super::command_buffer::Kick;
 use super::reports::{KickerReport, PowerReport, SwitchReport};
 use crate::can_socket::CanSocket;
+use crate::clock;
 use crate::config::{BaseDeviceConfig, Bus, COMMAND_VALIDITY_MAX};
-use crate::device_clock::DeviceClock;
+use crate::device_clock::{ClockFault, DeviceClock};
 use crate::error::HwError;
-use crate::serial::SerialPort;
+use crate::serial_line::{SerialLine, transmission_time};
 use crate::wire::board::{self, Message, Packet};
 use crate::wire::vesc::Request;
 use crate::wire::vesc_can::{Addressed, VescCommand, VescStatus};
 use crate::wire::{DecoderStats, StreamDecoder, slcan, vesc};
 
+/// Speed of a wheel that is certainly not zero, rad/s: a message resolves 0.01.
+const SPEED_MOVING_MIN: f32 = 0.1;
 /// Timeout of writing a command, seconds: half a period at 100 Hz.
 const WRITE_TIMEOUT: f64 = 0.005;
 /// Timeout of writing the commands that open an slcan adapter, seconds.
@@ -44,6 +47,18 @@ pub(super) enum MotorCommand {
     Release,
 }
 
+impl MotorCommand {
+    /// True if a board cannot take it for a command of speed zero.
+    pub(super) fn moves(self) -> bool {
+        match self {
+            MotorCommand::Speeds { motor_speeds, .. } => motor_speeds
+                .iter()
+                .any(|speed| speed.abs() > SPEED_MOVING_MIN),
+            MotorCommand::Brake | MotorCommand::Release => false,
+        }
+    }
+}
+
 /// A message of the base.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum BaseReport {
@@ -59,10 +74,10 @@ pub(super) enum BaseReport {
 }
 
 enum Transport {
-    Board(SerialPort, StreamDecoder<Packet>),
-    Uart(SerialPort, StreamDecoder<vesc::Reply>),
+    Board(SerialLine, StreamDecoder<Packet>),
+    Uart(SerialLine, StreamDecoder<vesc::Reply>),
     Can(CanSocket),
-    Slcan(SerialPort, StreamDecoder<slcan::SlcanMessage>),
+    Slcan(SerialLine, StreamDecoder<slcan::SlcanMessage>),
 }
 
 /// An open bus to the base.
@@ -88,13 +103,13 @@ impl BaseLink {
         wheel_count: usize,
         ticks_per_turn: f32,
     ) -> Result<Self, HwError> {
-        let serial = || SerialPort::open(&device.port, device.baud);
+        let serial = || SerialLine::open(&device.port, device.baud);
         let transport = match device.bus {
             Bus::Board => Transport::Board(serial()?, board::decoder()),
             Bus::VescUart => Transport::Uart(serial()?, vesc::decoder()),
             Bus::VescCan => Transport::Can(CanSocket::open(&device.port)?),
             Bus::VescSlcan => {
-                let serial = serial()?;
+                let mut serial = serial()?;
                 let Some(commands) = slcan::open_channel_commands(device.can_bit_rate) else {
                     let reason = format!(
                         "invalid slcan bit rate: {} bit/s (expected 10, 20, 50, 100, 125, 250, 500, 800 or 1000 kbit/s)",
@@ -103,7 +118,7 @@ impl BaseLink {
                     let key = "base.can_bit_rate";
                     return Err(HwError::Config { key, reason });
                 };
-                serial.write(&commands, crate::clock::now() + ADAPTER_SETUP_TIMEOUT)?;
+                serial.write(&commands, clock::now() + ADAPTER_SETUP_TIMEOUT)?;
                 Transport::Slcan(serial, slcan::decoder())
             }
         };
@@ -120,17 +135,17 @@ impl BaseLink {
         })
     }
 
-    /// Step of the board's clock since the last call, seconds.
-    pub(super) fn take_clock_step(&mut self) -> Option<f64> {
-        self.clock.take_step()
+    /// How the board's clock differs from ours, while its messages are stamped on arrival.
+    pub(super) fn clock_fault(&self, now: Stamp) -> Option<ClockFault> {
+        self.clock.fault(now)
     }
 
     /// The file descriptor to poll for input.
     pub(super) fn fd(&self) -> BorrowedFd<'_> {
         match &self.transport {
-            Transport::Board(serial, _)
-            | Transport::Uart(serial, _)
-            | Transport::Slcan(serial, _) => serial.as_fd(),
+            Transport::Board(line, _) => line.as_fd(),
+            Transport::Uart(line, _) => line.as_fd(),
+            Transport::Slcan(line, _) => line.as_fd(),
             Transport::Can(socket) => socket.as_fd(),
         }
     }
@@ -156,28 +171,16 @@ impl BaseLink {
     ) -> Result<(), HwError> {
         let deadline = now + WRITE_TIMEOUT;
         if matches!(self.transport, Transport::Board(..)) {
-            return self.send_board(
-                board_command(command, self.wheel_count, self.device.send_twist),
-                deadline,
-            );
+            let message = board_command(command, self.wheel_count, self.device.send_twist);
+            return self.send_board(message, deadline);
         }
-        let erpm_of = |wheel: usize| match command {
-            MotorCommand::Speeds { motor_speeds, .. } => {
-                (motor_speeds[wheel] * self.erpm_per_rad_s) as i32
-            }
-            MotorCommand::Brake | MotorCommand::Release => 0,
-        };
-        let release = command == MotorCommand::Release;
+        let requests = vesc_requests(command, &self.device.nodes, self.erpm_per_rad_s);
         let mut bytes = Vec::new();
-        for (wheel, node) in self.device.nodes.iter().enumerate() {
-            let (request, vesc_command) = if release {
-                (Request::SetCurrentMa(0), VescCommand::SetCurrentMa(0))
-            } else {
-                let erpm = erpm_of(wheel);
-                (Request::SetRpm(erpm), VescCommand::SetRpm(erpm))
-            };
+        for (node, (request, vesc_command)) in self.device.nodes.iter().zip(requests) {
             match &self.transport {
-                Transport::Uart(..) => bytes.extend(self.encode_for_node(request, *node)),
+                Transport::Uart(..) => {
+                    bytes.extend(encode_for_node(request, *node, self.device.uart_node))
+                }
                 Transport::Can(socket) => socket.write(&vesc_command.encode(*node))?,
                 Transport::Slcan(..) => slcan::encode(&vesc_command.encode(*node), &mut bytes),
                 Transport::Board(..) => {}
@@ -186,14 +189,60 @@ impl BaseLink {
         if matches!(self.transport, Transport::Uart(..)) {
             self.polled_wheel = (self.polled_wheel + 1) % self.device.nodes.len().max(1);
             if let Some(node) = self.device.nodes.get(self.polled_wheel) {
-                bytes.extend(self.encode_for_node(Request::GetValues, *node));
+                bytes.extend(encode_for_node(
+                    Request::GetValues,
+                    *node,
+                    self.device.uart_node,
+                ));
             }
         }
-        match &self.transport {
-            Transport::Uart(serial, _) | Transport::Slcan(serial, _) => {
-                serial.write(&bytes, deadline)
-            }
+        match &mut self.transport {
+            Transport::Uart(line, _) | Transport::Slcan(line, _) => line.write(&bytes, deadline),
             Transport::Board(..) | Transport::Can(_) => Ok(()),
+        }
+    }
+
+    /// True if the device has everything that was sent: a further command does not wait behind others. The frames of a CAN
+    /// socket count as received.
+    pub(super) fn is_idle(&self, now: Stamp) -> bool {
+        self.line().is_none_or(|line| line.is_idle(now))
+    }
+
+    /// By the baud rate, the line has carried everything at this time; now, if it is not a serial line.
+    pub(super) fn carried_at(&self, now: Stamp) -> Stamp {
+        self.line().map_or(now, SerialLine::carried_at)
+    }
+
+    /// When a command for all motors arrives that is sent now.
+    pub(super) fn command_arrival(&self, now: Stamp) -> Stamp {
+        let bytes = command_bytes(&self.device, self.wheel_count);
+        self.line().map_or(now, |line| line.arrival(bytes, now))
+    }
+
+    /// Discards the commands that wait in this computer, and ends the message of which the device may have got a part. False if
+    /// none wait.
+    pub(super) fn discard_output(&mut self, now: Stamp) -> Result<bool, HwError> {
+        let (line, end): (_, &[u8]) = match &mut self.transport {
+            Transport::Board(line, _) => (line, &[0]),
+            Transport::Slcan(line, _) => (line, b"\r"),
+            // A controller searches the next packet after one that fails its checksum.
+            Transport::Uart(line, _) => (line, &[]),
+            Transport::Can(_) => return Ok(false),
+        };
+        let waits = line.port().unsent_bytes() > 0;
+        if waits {
+            line.discard_output()?;
+            line.write(end, now + WRITE_TIMEOUT)?;
+        }
+        Ok(waits)
+    }
+
+    fn line(&self) -> Option<&SerialLine> {
+        match &self.transport {
+            Transport::Board(line, _) => Some(line),
+            Transport::Uart(line, _) => Some(line),
+            Transport::Slcan(line, _) => Some(line),
+            Transport::Can(_) => None,
         }
     }
 
@@ -227,31 +276,23 @@ impl BaseLink {
         self.send_board(message.into(), now + WRITE_TIMEOUT)
     }
 
-    fn encode_for_node(&self, request: Request, node: u8) -> Vec<u8> {
-        if node == self.device.uart_node {
-            request.encode()
-        } else {
-            request.encode_forwarded(node)
-        }
-    }
-
     fn send_board(&mut self, message: Message, deadline: Stamp) -> Result<(), HwError> {
-        let Transport::Board(serial, _) = &self.transport else {
+        let Transport::Board(line, _) = &mut self.transport else {
             return Ok(());
         };
         let sequence = self.sequence;
         self.sequence = sequence.wrapping_add(1);
-        serial.write(&Packet { sequence, message }.encode(), deadline)
+        line.write(&Packet { sequence, message }.encode(), deadline)
     }
 
     /// Discards the input that has arrived, because its age is unknown.
     pub(super) fn discard_input(&mut self) -> Result<(), HwError> {
         match &mut self.transport {
-            Transport::Board(serial, stream) => serial.discard_input().map(|()| stream.reset()),
-            Transport::Uart(serial, stream) => serial.discard_input().map(|()| stream.reset()),
-            Transport::Slcan(serial, stream) => serial.discard_input().map(|()| stream.reset()),
+            Transport::Board(line, stream) => line.port().discard_input().map(|()| stream.reset()),
+            Transport::Uart(line, stream) => line.port().discard_input().map(|()| stream.reset()),
+            Transport::Slcan(line, stream) => line.port().discard_input().map(|()| stream.reset()),
             Transport::Can(socket) => {
-                let now = crate::clock::now();
+                let now = clock::now();
                 for _ in 0..CAN_FRAMES_DISCARDED_MAX {
                     if socket.read(now)?.is_none() {
                         break;
@@ -270,8 +311,8 @@ impl BaseLink {
     ) -> Result<(), HwError> {
         let mut buffer = [0; 4096];
         match &mut self.transport {
-            Transport::Board(serial, stream) => {
-                let bytes = serial.read(&mut buffer, now)?;
+            Transport::Board(line, stream) => {
+                let bytes = line.port().read(&mut buffer, now)?;
                 stream.extend(&buffer[..bytes]);
                 for packet in stream {
                     let message =
@@ -279,8 +320,8 @@ impl BaseLink {
                     reports.extend(message);
                 }
             }
-            Transport::Uart(serial, stream) => {
-                let bytes = serial.read(&mut buffer, now)?;
+            Transport::Uart(line, stream) => {
+                let bytes = line.port().read(&mut buffer, now)?;
                 stream.extend(&buffer[..bytes]);
                 for reply in stream {
                     let vesc::Reply::Values(values) = reply else {
@@ -309,8 +350,8 @@ impl BaseLink {
                 }
                 self.process_can_status(&frames, now, reports);
             }
-            Transport::Slcan(serial, stream) => {
-                let bytes = serial.read(&mut buffer, now)?;
+            Transport::Slcan(line, stream) => {
+                let bytes = line.port().read(&mut buffer, now)?;
                 stream.extend(&buffer[..bytes]);
                 let frames: Vec<_> = stream
                     .filter_map(|message| match message {
@@ -357,6 +398,69 @@ impl BaseLink {
                 }
             }
         }
+    }
+}
+
+/// The request to each controller, for a serial line and for a CAN bus.
+fn vesc_requests(
+    command: MotorCommand,
+    nodes: &[u8],
+    erpm_per_rad_s: f32,
+) -> Vec<(Request, VescCommand)> {
+    let request = |wheel: usize| match command {
+        MotorCommand::Release => (Request::SetCurrentMa(0), VescCommand::SetCurrentMa(0)),
+        MotorCommand::Brake => (Request::SetRpm(0), VescCommand::SetRpm(0)),
+        MotorCommand::Speeds { motor_speeds, .. } => {
+            let erpm = (motor_speeds[wheel] * erpm_per_rad_s) as i32;
+            (Request::SetRpm(erpm), VescCommand::SetRpm(erpm))
+        }
+    };
+    (0..nodes.len()).map(request).collect()
+}
+
+/// Bytes on a serial line for one command to all motors.
+fn command_bytes(device: &BaseDeviceConfig, wheel_count: usize) -> usize {
+    let requests = || vesc_requests(MotorCommand::Brake, &device.nodes, 0.0).into_iter();
+    match device.bus {
+        Bus::Board => {
+            let message = board_command(MotorCommand::Brake, wheel_count, device.send_twist);
+            let sequence = 0;
+            Packet { sequence, message }.encode().len()
+        }
+        Bus::VescUart => {
+            let bytes =
+                |request: Request, node| encode_for_node(request, node, device.uart_node).len();
+            let drive = requests()
+                .zip(&device.nodes)
+                .map(|((request, _), node)| bytes(request, *node));
+            let poll = device
+                .nodes
+                .iter()
+                .map(|node| bytes(Request::GetValues, *node));
+            drive.sum::<usize>() + poll.max().unwrap_or(0)
+        }
+        Bus::VescSlcan => {
+            let mut bytes = Vec::new();
+            for ((_, command), node) in requests().zip(&device.nodes) {
+                slcan::encode(&command.encode(*node), &mut bytes);
+            }
+            bytes.len()
+        }
+        Bus::VescCan => 0,
+    }
+}
+
+/// Commands for all motors that the line to a base carries in a second; `None` for a CAN interface.
+pub(super) fn command_rate_max(device: &BaseDeviceConfig, wheel_count: usize) -> Option<f64> {
+    let seconds = transmission_time(command_bytes(device, wheel_count), device.baud);
+    (device.bus != Bus::VescCan).then_some(1.0 / seconds)
+}
+
+fn encode_for_node(request: Request, node: u8, uart_node: u8) -> Vec<u8> {
+    if node == uart_node {
+        request.encode()
+    } else {
+        request.encode_forwarded(node)
     }
 }
 

@@ -21,12 +21,12 @@ use crate::clock;
 use crate::config::{BaseDeviceConfig, Bus};
 use crate::error::HwError;
 use crate::event_queue::EventQueue;
-use crate::health::HealthReport;
+use crate::health::{HealthReport, HealthState};
 use crate::monitor::Monitor;
 use crate::worker::{Waker, Worker};
 use command_buffer::{CommandBuffer, SharedCommands};
 use command_tally::Confirmations;
-use control_loop::ControlLoop;
+use control_loop::{ControlLoop, OutputState};
 use link::BaseLink;
 use odometer::Odometer;
 
@@ -43,6 +43,13 @@ pub struct BaseDriver {
     monitor: Monitor,
 }
 
+/// Commands for all motors that the line of a base carries in a second, by its baud rate; `None` without a serial line.
+///
+/// If it is less than `rate_hz`, fewer commands are sent: the newest each time that the line has carried the last.
+pub fn command_rate_max(device: &BaseDeviceConfig, wheels: &BaseConfig) -> Option<f64> {
+    link::command_rate_max(device, wheels.wheel_angles_deg.len())
+}
+
 /// Commands the base; clones command the same base as long as it exists.
 #[derive(Debug, Clone)]
 pub struct BaseHandle {
@@ -50,6 +57,7 @@ pub struct BaseHandle {
     waker: Arc<Waker>,
     command_age_max: f64,
     has_kicker: bool,
+    monitor: Monitor,
     tally: Option<Arc<CommandTally>>,
 }
 
@@ -112,6 +120,7 @@ impl BaseDriver {
             wheel_radius: wheels.wheel_radius,
             odometer,
             confirmations: Confirmations::default(),
+            output: OutputState::default(),
             commands: Arc::clone(&commands),
             monitor: monitor.clone(),
             queue: queue.clone(),
@@ -128,6 +137,7 @@ impl BaseDriver {
             waker: worker.waker(),
             command_age_max: f64::from(device.command_age_max),
             has_kicker: device.bus == Bus::Board,
+            monitor: monitor.clone(),
             tally: None,
         };
         Ok(BaseDriver {
@@ -223,7 +233,23 @@ impl BaseHandle {
         Ok(())
     }
 
-    /// Stops the wheels and waits until the stop was sent; false if that took longer than `timeout`.
+    /// Why the wheels do not follow commands now: a pressed emergency stop, or a base that is not connected or stalled.
+    pub fn obstacle(&self) -> Option<String> {
+        let health = self.monitor.health(clock::now());
+        match health.state {
+            HealthState::Running | HealthState::Clock => self
+                .commands
+                .lock()
+                .emergency_stop
+                .then(|| "the emergency stop is pressed".to_owned()),
+            _ => Some(health.reason.map_or_else(
+                || "the base does not deliver".to_owned(),
+                |reason| format!("no usable base: {reason}"),
+            )),
+        }
+    }
+
+    /// Stops the wheels and waits until the bus has carried the stop; false if that took longer than `timeout`.
     pub fn halt(&self, timeout: Duration) -> bool {
         let mut buffer = self.commands.lock();
         let stops_before = buffer.stops_sent;

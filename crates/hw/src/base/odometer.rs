@@ -30,6 +30,7 @@ pub(crate) struct Odometer {
     wheel_speed_max: f32,
     /// Longest time between two readings of which the difference is odometry, seconds.
     gap_max: f64,
+    /// The last count of each wheel with its arrival. A stamp of the device's clock would tell nothing about silence.
     latest_counts: Vec<Option<(u32, Stamp)>>,
     /// Which wheels have reported since the last odometry.
     updated: Vec<bool>,
@@ -60,15 +61,20 @@ impl Odometer {
     }
 
     /// Adds counters of all wheels, read at the same time.
-    pub(crate) fn update_all(&mut self, counts: &[u32], stamp: Stamp) -> OdometryUpdate {
+    pub(crate) fn update_all(
+        &mut self,
+        counts: &[u32],
+        stamp: Stamp,
+        arrival: Stamp,
+    ) -> OdometryUpdate {
         for (latest, count) in self.latest_counts.iter_mut().zip(counts) {
-            *latest = Some((*count, stamp));
+            *latest = Some((*count, arrival));
         }
         self.updated.fill(true);
         self.integrate(stamp)
     }
 
-    /// Adds the counter of one wheel.
+    /// Adds the counter of one wheel; its stamp is its arrival.
     ///
     /// Controllers on a bus report one by one, so the wheels' readings are up to one period apart. No motion is lost:
     /// what a late reading misses is in the next odometry.
@@ -85,31 +91,26 @@ impl Odometer {
         self.integrate(stamp)
     }
 
-    /// The first wheel without a report for `timeout` seconds since its last one or since `start`.
-    pub(crate) fn silent_wheel(&self, now: Stamp, start: Stamp, timeout: f32) -> Option<usize> {
-        self.latest_counts.iter().position(|latest| {
-            let last = latest.map_or(start, |(_, stamp)| stamp.max(start));
-            now - last > f64::from(timeout)
-        })
-    }
-
-    /// For each wheel: true if it has reported since `start`, and in the last `timeout` seconds.
-    pub(crate) fn reporting_wheels(
+    /// The wheels without a report for `timeout` seconds since their last one or since `start`.
+    pub(crate) fn silent_wheels(
         &self,
         now: Stamp,
         start: Stamp,
         timeout: f32,
-    ) -> impl Iterator<Item = bool> {
-        self.latest_counts.iter().map(move |latest| {
-            latest.is_some_and(|(_, stamp)| stamp >= start && now - stamp <= f64::from(timeout))
-        })
+    ) -> impl Iterator<Item = usize> {
+        let is_silent = move |latest: &Option<(u32, Stamp)>| {
+            let last = latest.map_or(start, |(_, arrival)| arrival.max(start));
+            now - last > f64::from(timeout)
+        };
+        let wheels = self.latest_counts.iter().enumerate();
+        wheels.filter_map(move |(wheel, latest)| is_silent(latest).then_some(wheel))
     }
 
     /// True if every wheel has reported since `start`.
     pub(crate) fn all_updated_since(&self, start: Stamp) -> bool {
         self.latest_counts
             .iter()
-            .all(|latest| latest.is_some_and(|(_, stamp)| stamp >= start))
+            .all(|latest| latest.is_some_and(|(_, arrival)| arrival >= start))
     }
 
     fn integrate(&mut self, stamp: Stamp) -> OdometryUpdate {
@@ -167,10 +168,12 @@ mod tests {
         let start = [u32::MAX - 100, 5, u32::MAX, i32::MAX as u32];
         let end = start.map(|count| count.wrapping_add(2048));
         assert_eq!(
-            odometer.update_all(&start, Stamp(0)),
+            odometer.update_all(&start, Stamp(0), Stamp(0)),
             OdometryUpdate::Restarted
         );
-        let OdometryUpdate::Motion(odometry) = odometer.update_all(&end, Stamp(100_000_000)) else {
+        let OdometryUpdate::Motion(odometry) =
+            odometer.update_all(&end, Stamp(100_000_000), Stamp(100_000_000))
+        else {
             panic!("no motion");
         };
         assert!((odometry.dtheta - 0.05 * TAU / 2.0 / 0.2).abs() < 1e-5);
@@ -180,13 +183,14 @@ mod tests {
     #[test]
     fn counter_jump_restarts_odometry_without_motion() {
         let mut odometer = odometer(&[60.0, 180.0, 300.0]);
-        odometer.update_all(&[1_000_000; 3], Stamp(0));
+        odometer.update_all(&[1_000_000; 3], Stamp(0), Stamp(0));
         assert_eq!(
-            odometer.update_all(&[3; 3], Stamp(10_000_000)),
+            odometer.update_all(&[3; 3], Stamp(10_000_000), Stamp(10_000_000)),
             OdometryUpdate::Restarted
         );
         assert_eq!(odometer.counter_jumps, 1);
-        let OdometryUpdate::Motion(odometry) = odometer.update_all(&[13; 3], Stamp(20_000_000))
+        let OdometryUpdate::Motion(odometry) =
+            odometer.update_all(&[13; 3], Stamp(20_000_000), Stamp(20_000_000))
         else {
             panic!("no motion");
         };
@@ -218,7 +222,14 @@ mod tests {
         odometer.update_wheel(0, 18, Stamp(900_000_000));
         odometer.update_wheel(2, 18, Stamp(900_000_000));
         let now = Stamp(900_000_000);
-        assert_eq!(odometer.silent_wheel(now, Stamp(0), 0.5), Some(1));
-        assert_eq!(odometer.silent_wheel(now, Stamp(600_000_000), 0.5), None);
+        let silent = |now, start| {
+            odometer
+                .silent_wheels(now, Stamp(start), 0.5)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(silent(now, 0), [1]);
+        assert_eq!(silent(now, 600_000_000), [0; 0]);
+        let later = Stamp(1_450_000_000);
+        assert_eq!(silent(later, 0), [0, 1, 2]);
     }
 }

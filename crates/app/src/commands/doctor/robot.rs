@@ -17,6 +17,9 @@ use pipeline::{Pipeline, PipelineConfig};
 /// Minimum number of line points of a camera on a field.
 const LINE_POINTS_MIN: usize = 15;
 
+/// Minimum number of commands that the line carries while one of them is valid.
+const COMMANDS_PER_VALIDITY_MIN: f64 = 2.0;
+
 /// Checks a robot's configuration and devices.
 pub(super) fn check_robot(path: &Path, listen: f64) -> Vec<Finding> {
     let RobotPaths { folder, robot_file } = match RobotPaths::resolve(path) {
@@ -141,6 +144,7 @@ fn check_devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<F
         .zip(ports)
         .map(|(health, port)| device_finding(health, &port))
         .collect();
+    findings.extend(check_line(hardware, setup));
     if emergency_stop {
         findings.push(Finding::note(
             "emergency stop",
@@ -152,6 +156,28 @@ fn check_devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<F
         findings.extend(image.map(|image| check_vision(setup, image)));
     }
     findings
+}
+
+/// Does the line to the base carry the commands? None if it does.
+fn check_line(hardware: &HardwareConfig, setup: &Setup) -> Option<Finding> {
+    let device = hardware.base.as_ref()?;
+    let wheels = setup.robot.base.clone().unwrap_or_default();
+    let rate_max = hw::base::command_rate_max(device, &wheels)?;
+    let hw::config::BaseDeviceConfig { baud, rate_hz, .. } = device;
+    if rate_max >= f64::from(*rate_hz) {
+        return None;
+    }
+    let what = format!("line to the base ({})", device.port);
+    let found =
+        format!("{baud} baud carry {rate_max:.0} of {rate_hz} commands per second: fewer are sent");
+    let remedy = "raise `baud` in hardware.toml and in the base, or lower `rate_hz`";
+    // Below, a command expires before the next one has arrived.
+    let is_enough = rate_max * f64::from(device.command_age_max) >= COMMANDS_PER_VALIDITY_MIN;
+    Some(if is_enough {
+        Finding::note(&what, found, remedy)
+    } else {
+        Finding::bad(&what, found, remedy)
+    })
 }
 
 /// The ports in the order of [`Devices::health`].
@@ -168,7 +194,8 @@ fn device_finding(health: &HealthReport, port: &str) -> Finding {
     match health.state {
         HealthState::Running => Finding::fine(&what, format!("{} messages", health.messages)),
         HealthState::Clock => {
-            Finding::note(&what, reason, "set the device's clock, or its driver's")
+            let remedy = "correct the device's clock: its setting, firmware or driver";
+            Finding::note(&what, reason, remedy)
         }
         HealthState::Absent => Finding::bad(&what, reason, missing_device_remedy(port)),
         HealthState::Stalled => Finding::bad(&what, reason, "check its power, cable and settings"),

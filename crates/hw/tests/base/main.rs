@@ -1,98 +1,24 @@
 //! The base over pseudo terminals: whatever happens on the bus, the wheels turn only for a valid command.
 
+mod fake_board;
+mod faults;
+#[path = "../pseudo_terminal/mod.rs"]
 mod pseudo_terminal;
 
 use std::f32::consts::TAU;
 use std::time::Duration;
 
+use fake_board::{FakeBoard, device, short_deadline};
 use hw::base::{Kick, MotionCommand};
-use hw::config::{BaseDeviceConfig, Bus};
-use hw::wire::board::{Encoders, Message, Packet, Switches, WheelCommand};
+use hw::config::Bus;
+use hw::wire::board::{Message, Switches, WheelCommand};
 use hw::wire::vesc::{Request, RoutedRequest, Values};
 use hw::wire::vesc_can::Addressed;
-use hw::wire::{CanFrame, StreamDecoder, board, slcan, vesc_can};
+use hw::wire::{CanFrame, slcan, vesc_can};
 use hw::{BaseDriver, DeviceEvent, EventQueue, HealthState, HwError};
 use localize::omni::Twist;
 use localize::robot::BaseConfig;
 use pseudo_terminal::{PseudoSerialPort, wait_for_event, wait_until};
-
-fn device(bus: Bus, port: String) -> BaseDeviceConfig {
-    BaseDeviceConfig {
-        bus,
-        port,
-        baud: 115_200,
-        can_bit_rate: 500_000,
-        nodes: match bus {
-            Bus::Board => Vec::new(),
-            _ => vec![11, 12, 13],
-        },
-        uart_node: 11,
-        reversed: vec![false, false, true],
-        send_twist: false,
-        rate_hz: 200.0,
-        command_age_max: 0.1,
-        brake_time: 0.05,
-        stall: 0.3,
-        imu: true,
-        compass: true,
-        north_deg: 0.0,
-    }
-}
-
-/// A simulated base board.
-struct FakeBoard {
-    port: PseudoSerialPort,
-    commands: StreamDecoder<Packet>,
-    sequence: u16,
-}
-
-impl FakeBoard {
-    fn new(port: PseudoSerialPort) -> Self {
-        FakeBoard {
-            port,
-            commands: board::decoder(),
-            sequence: 0,
-        }
-    }
-
-    fn send(&mut self, message: impl Into<Message>) {
-        self.sequence += 1;
-        let packet = Packet {
-            sequence: self.sequence,
-            message: message.into(),
-        };
-        self.port.send(&packet.encode());
-    }
-
-    fn send_counts(&mut self, count: u32) {
-        let time_us = (hw::now().0 / 1000) as u32;
-        let count = [count, count, 0u32.wrapping_sub(count), 0];
-        self.send(Encoders { time_us, count });
-    }
-
-    fn received_messages(&mut self) -> Vec<Message> {
-        self.commands.extend(&self.port.read());
-        self.commands
-            .by_ref()
-            .map(|packet| packet.message)
-            .collect()
-    }
-
-    /// The wheel commands received since the last call.
-    fn received_wheel_commands(&mut self) -> Vec<WheelCommand> {
-        let messages = self.received_messages().into_iter();
-        messages
-            .filter_map(|message| match message {
-                Message::WheelCommand(command) => Some(command),
-                _ => None,
-            })
-            .collect()
-    }
-}
-
-fn short_deadline() -> localize::Stamp {
-    hw::now() + 0.08
-}
 
 #[test]
 fn board_connected_after_start_is_driven_and_yields_odometry() {
