@@ -52,6 +52,8 @@ struct ArbiterState {
     base: Option<hw::BaseHandle>,
     pose: Option<StampedPose>,
     active_source: Option<ActiveSource>,
+    /// A person has stopped the robot: programs and paths wait until they are released.
+    stopped_by_hand: bool,
     /// The last command is valid only with a pose.
     needs_pose: bool,
 }
@@ -149,6 +151,36 @@ impl CommandArbiter {
         }
     }
 
+    /// A person stops the wheels. Commands of other sources are rejected until [`CommandArbiter::release`]. False if they were before.
+    pub(crate) fn stop_by_hand(&self) -> bool {
+        let is_new = !std::mem::replace(&mut self.lock().stopped_by_hand, true);
+        self.halt();
+        is_new
+    }
+
+    /// Ends a stop by hand: the sources command by their priorities again. False if there was none.
+    pub(crate) fn release(&self) -> bool {
+        std::mem::take(&mut self.lock().stopped_by_hand)
+    }
+
+    /// Why commands of programs have no effect now. None if they have.
+    pub(crate) fn obstacle_to_programs(&self) -> Option<String> {
+        let state = self.lock();
+        if state.stopped_by_hand {
+            return Some("a person has stopped the robot".to_owned());
+        }
+        let now = hw::now();
+        if state.preemption(CommandSource::Program, now).is_some() {
+            return Some("a person drives the robot".to_owned());
+        }
+        let base = state.base.clone();
+        drop(state);
+        match base {
+            Some(base) => base.obstacle(),
+            None => Some(CommandError::NoBase.to_string()),
+        }
+    }
+
     /// Stops the wheels for good and waits up to `timeout` until the bus has the command. False if it failed.
     pub(crate) fn close(&self, timeout: Duration) -> bool {
         let base = self.lock().base.clone();
@@ -179,14 +211,21 @@ impl CommandArbiter {
 
 impl ArbiterState {
     fn acquire(&mut self, source: CommandSource, now: Stamp) -> Result<(), CommandError> {
-        if let Some(active) = &self.active_source
-            && active.source > source
-            && now - active.stamp < SOURCE_HOLD_TIME
-        {
-            return Err(CommandError::Preempted(active.source));
+        if let Some(preempting) = self.preemption(source, now) {
+            return Err(CommandError::Preempted(preempting));
         }
         self.active_source = Some(ActiveSource { source, stamp: now });
         Ok(())
+    }
+
+    /// The source of higher priority that keeps `source` from commanding.
+    fn preemption(&self, source: CommandSource, now: Stamp) -> Option<CommandSource> {
+        if self.stopped_by_hand && source < CommandSource::Operator {
+            return Some(CommandSource::Operator);
+        }
+        let active = self.active_source.as_ref()?;
+        let holds = active.source > source && now - active.stamp < SOURCE_HOLD_TIME;
+        holds.then_some(active.source)
     }
 }
 
@@ -205,6 +244,26 @@ mod tests {
             Err(CommandError::Preempted(CommandSource::Operator))
         ));
         assert!(state.acquire(CommandSource::Program, at(0.61)).is_ok());
+    }
+
+    #[test]
+    fn stop_by_hand_blocks_programs_until_they_are_released_and_is_named() {
+        let arbiter = CommandArbiter::new();
+        assert!(arbiter.stop_by_hand() && !arbiter.stop_by_hand());
+        let at = |seconds| Stamp::from_seconds(seconds);
+        let acquire = |source, stamp| arbiter.lock().acquire(source, stamp);
+        for source in [CommandSource::Path, CommandSource::Program] {
+            assert!(acquire(source, at(1000.0)).is_err());
+        }
+        // Keys drive meanwhile, and do not end it.
+        assert!(acquire(CommandSource::Operator, at(1000.0)).is_ok());
+        assert!(acquire(CommandSource::Program, at(2000.0)).is_err());
+        let obstacle = arbiter.obstacle_to_programs().expect("an obstacle");
+        assert!(obstacle.contains("stopped"), "{obstacle}");
+        assert!(arbiter.release() && !arbiter.release());
+        assert!(acquire(CommandSource::Program, at(2000.0)).is_ok());
+        let obstacle = arbiter.obstacle_to_programs().expect("an obstacle");
+        assert!(obstacle.contains("no base"), "{obstacle}");
     }
 
     #[test]

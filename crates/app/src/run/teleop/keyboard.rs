@@ -12,6 +12,7 @@ use rustix::termios::{
 };
 
 use super::axes::twist_from_axes;
+use super::key_sequences::Key;
 
 /// Time for which a pressed key drives, seconds: terminals repeat a held key after half a second.
 const KEY_HOLD: f64 = 0.6;
@@ -25,6 +26,10 @@ const SPEED_MAX: f32 = 3.0;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum KeyAction {
     Kick,
+    /// The wheels stop, and programs wait.
+    Stop,
+    /// Programs may drive again.
+    Release,
     Quit,
 }
 
@@ -53,8 +58,16 @@ impl KeyboardState {
         }
     }
 
-    pub(super) fn handle_key(&mut self, key: u8, now: Stamp) -> Option<KeyAction> {
-        let axes = match key.to_ascii_lowercase() {
+    pub(super) fn handle_key(&mut self, key: Key, now: Stamp) -> Option<KeyAction> {
+        let character = match key {
+            Key::Up => b'w',
+            Key::Down => b's',
+            Key::Left => b'a',
+            Key::Right => b'd',
+            Key::Character(character) => character.to_ascii_lowercase(),
+            Key::Other => 0,
+        };
+        let axes = match character {
             b'w' => [1.0, 0.0, 0.0],
             b's' => [-1.0, 0.0, 0.0],
             b'a' => [0.0, 1.0, 0.0],
@@ -70,6 +83,11 @@ impl KeyboardState {
                 return None;
             }
             b'k' => return Some(KeyAction::Kick),
+            b' ' => {
+                self.direction = None;
+                return Some(KeyAction::Stop);
+            }
+            b'r' => return Some(KeyAction::Release),
             // Ctrl-C comes as a signal; Ctrl-D is the end of a terminal's input.
             b'x' | 4 => return Some(KeyAction::Quit),
             _ => {
@@ -142,17 +160,29 @@ mod tests {
         let mut keys = KeyboardState::new();
         let at = Stamp::from_seconds;
         assert_eq!(keys.twist(at(0.0)), None);
-        assert_eq!(keys.handle_key(b'w', at(0.0)), None);
+        let letter = Key::Character;
+        assert_eq!(keys.handle_key(letter(b'w'), at(0.0)), None);
         assert_eq!(
             keys.twist(at(0.5)).map(|twist| twist.x),
             Some(INITIAL_SPEED)
         );
         assert_eq!(keys.twist(at(0.7)), None, "after the hold time");
-        keys.handle_key(b'q', at(1.0));
+        keys.handle_key(letter(b'q'), at(1.0));
         assert!(keys.twist(at(1.1)).is_some_and(|twist| twist.theta > 0.0));
-        keys.handle_key(b' ', at(1.2));
+        keys.handle_key(Key::Up, at(1.1));
+        assert!(keys.twist(at(1.1)).is_some_and(|twist| twist.x > 0.0));
+        keys.handle_key(Key::Other, at(1.2));
         assert_eq!(keys.twist(at(1.2)), None);
-        assert_eq!(keys.handle_key(b'x', at(1.3)), Some(KeyAction::Quit));
-        assert_eq!(keys.handle_key(b'k', at(1.3)), Some(KeyAction::Kick));
+        keys.handle_key(Key::Left, at(1.3));
+        assert!(keys.twist(at(1.3)).is_some_and(|twist| twist.y > 0.0));
+        let action = keys.handle_key(letter(b' '), at(1.4));
+        assert_eq!((action, keys.twist(at(1.4))), (Some(KeyAction::Stop), None));
+        for (key, action) in [
+            (b'r', KeyAction::Release),
+            (b'x', KeyAction::Quit),
+            (b'k', KeyAction::Kick),
+        ] {
+            assert_eq!(keys.handle_key(letter(key), at(1.5)), Some(action));
+        }
     }
 }

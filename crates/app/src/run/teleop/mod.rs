@@ -2,6 +2,7 @@
 
 mod axes;
 mod gamepads;
+mod key_sequences;
 mod keyboard;
 
 use std::os::fd::AsFd;
@@ -13,6 +14,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::command_arbiter::{CommandArbiter, CommandSource};
 use super::stop_flag::StopFlag;
 use gamepads::Gamepads;
+use key_sequences::KeyDecoder;
 use keyboard::{KeyAction, KeyboardState, RawTerminal};
 
 /// Validity of a command, seconds.
@@ -25,7 +27,8 @@ const PAUSE_MIN: f64 = 0.25;
 const KICK_SPEED: f32 = 6.0;
 
 /// Help text printed at the start.
-pub(crate) const HELP: &str = "drive: w a s d, turn: q e, slower and faster: - +, kick: k, stop: space, end: x or Ctrl-C\n\
+pub(crate) const HELP: &str = "drive: w a s d or arrows, turn: q e, slower and faster: - +, kick: k, end: x or Ctrl-C\n\
+     stop: space; then no program drives until r is pressed\n\
      game pad: hold a shoulder button; left stick drives, right stick turns, first button kicks";
 
 /// Drives by hand until `stop` is raised.
@@ -34,6 +37,7 @@ pub(crate) fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
     let terminal = terminal.as_ref();
     let mut pads = Gamepads::default();
     let mut keyboard = KeyboardState::new();
+    let mut decoder = KeyDecoder::default();
     let mut last_run = hw::now();
     while !stop.is_raised() {
         pads.scan();
@@ -61,10 +65,22 @@ pub(crate) fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
             pads.take_kick();
             continue;
         }
-        for key in terminal.iter().flat_map(|terminal| terminal.read_keys()) {
+        let bytes = terminal.iter().flat_map(|terminal| terminal.read_keys());
+        for key in bytes.filter_map(|byte| decoder.decode(byte, now)) {
             match keyboard.handle_key(key, now) {
                 Some(KeyAction::Quit) => stop.raise(),
                 Some(KeyAction::Kick) => kick(arbiter),
+                Some(KeyAction::Stop) => {
+                    keyboard.was_driving = false;
+                    if arbiter.stop_by_hand() {
+                        stderr_line!("stopped: no program drives until r is pressed");
+                    }
+                }
+                Some(KeyAction::Release) => {
+                    if arbiter.release() {
+                        stderr_line!("programs may drive again");
+                    }
+                }
                 None => {}
             }
         }
