@@ -4,6 +4,8 @@ import csv
 import hmac
 import json
 import math
+import os
+import pty
 import signal
 import socket
 import time
@@ -13,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from test_robot import ended, free_port, hardware, start, stop
+from test_robot import ended, free_port, hardware, in_own_terminal, start, stop
 
 
 class Program:
@@ -265,3 +267,39 @@ def test_network_that_nobody_could_trust_is_refused_in_one_line(tmp_path: Path, 
     sim.send_signal(signal.SIGTERM)
     assert ended(sim)["commands"]["driving"] == 0
     assert run.returncode == 1 and len(err.splitlines()) == 1 and str(path) in err and problem in err, err
+
+
+def test_state_names_what_keeps_accepted_commands_from_the_wheels(tmp_path: Path, program: Program) -> None:
+    faults = tmp_path / "faults.toml"
+    faults.write_text('[[fault]]\nkind = "base-silent"\nat = 0.0\nfor = 6.0\n')
+    sim = hardware(tmp_path / "robot", "--faults", faults)
+    terminal, end = pty.openpty()
+    arguments = ["--robot", tmp_path / "robot", "--network", program.network, "--teleop", "--json"]
+    run = start("run", *arguments, preexec_fn=in_own_terminal(end))
+
+    def state_with(fault: str) -> dict[str, Any]:
+        until = time.monotonic() + 60
+        while time.monotonic() < until:
+            state = program.state(robot=3)
+            program.send(program.datagram(time.monotonic_ns(), state["boot"], drive=FORWARD))
+            if fault in state["command_fault"] and bool(fault) == bool(state["command_fault"]):
+                return state
+        raise AssertionError(f"no state with {fault!r}: {state['command_fault']!r}")
+
+    state_with("no usable base")
+    state_with("")
+    # Space stops the robot that a program drives, and keeps it stopped.
+    os.write(terminal, b" ")
+    state_with("a person has stopped the robot")
+    stopped = time.monotonic()
+    while time.monotonic() < stopped + 1.5:
+        state_with("a person has stopped the robot")
+    os.write(terminal, b"r")
+    state_with("")
+    run.send_signal(signal.SIGTERM)
+    commands = ended(run)["commands"]
+    os.close(terminal)
+    os.close(end)
+    assert commands["accepted"] > 0 and commands["overruled"] > 10
+    sim.send_signal(signal.SIGTERM)
+    ended(sim)

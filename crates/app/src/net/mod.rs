@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 pub(crate) use address::bind;
 pub(crate) use commands::{CommandConfig, CommandListener, RemoteCommand, RobotIdentity};
 pub(crate) use pipeline::datagram::TeamLinkConfig;
-pub(crate) use state_sender::{CommandStatus, OutputConfig, StateSender};
+pub(crate) use state_sender::{CommandStatus, Obstacle, OutputConfig, StateSender};
 pub(crate) use team::TeamTransport;
 
 use crate::ros2::config::Ros2Config;
@@ -119,14 +119,14 @@ impl NetworkConfig {
     /// Starts the configured threads on the cycles of `feed`.
     ///
     /// `tuning`: changes settings, if the stream's viewers may. `session`: must increase with each start (nanoseconds since 1970). `clock`: current time in the clock of the samples.
-    /// `execute`: executes a remote command; false if it is overruled.
+    /// `execute`: executes a remote command; false if it is overruled. `obstacle`: why executed commands have no effect now.
     pub(crate) fn start(
         &self,
         feed: &Feed,
         (preamble, tuning): (StreamPreamble<'_>, Option<TuningHandle>),
         session: u64,
         clock: impl Fn() -> Stamp + Clone + Send + 'static,
-        execute: impl FnMut(RemoteCommand) -> bool + Send + 'static,
+        (execute, obstacle): (impl FnMut(RemoteCommand) -> bool + Send + 'static, Obstacle),
     ) -> Result<Network> {
         let stream = |config| stream::StreamServer::start(feed, preamble, tuning.clone(), config);
         let team = |config| TeamTransport::join(feed, config, session, clock);
@@ -139,6 +139,7 @@ impl NetworkConfig {
         let status = commands.as_ref().map(|commands| CommandStatus {
             identity,
             listener: commands.shared(),
+            obstacle,
         });
         Ok(Network {
             commands,

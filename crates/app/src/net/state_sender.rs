@@ -48,11 +48,27 @@ pub(crate) enum StateFormat {
     Json,
 }
 
-/// What senders of commands must know: how to address this start of the robot, and why their commands are rejected.
+/// What senders of commands must know: how to address this start of the robot, and why their commands have no effect.
 #[derive(Clone)]
 pub(crate) struct CommandStatus {
     pub(crate) identity: RobotIdentity,
     pub(crate) listener: Arc<ListenerState>,
+    pub(crate) obstacle: Obstacle,
+}
+
+/// Why the robot does not follow the accepted commands of programs now; `None` if it does.
+pub(crate) type Obstacle = Arc<dyn Fn() -> Option<String> + Send + Sync>;
+
+impl CommandStatus {
+    /// Why the newest command was rejected, else why accepted ones have no effect; empty if they have.
+    fn fault(&self) -> String {
+        let rejection = self.listener.fault();
+        if rejection.is_empty() {
+            (self.obstacle)().unwrap_or_default()
+        } else {
+            rejection
+        }
+    }
 }
 
 /// A thread that sends the state. Dropping it ends the thread.
@@ -128,9 +144,9 @@ fn send_states(
         } in receivers
         {
             let mut state = State::from_cycle(output.robot, index, &cycle);
-            if let Some(CommandStatus { identity, listener }) = commands {
-                state.boot = identity.boot;
-                state.command_fault = listener.fault();
+            if let Some(commands) = commands {
+                state.boot = commands.identity.boot;
+                state.command_fault = commands.fault();
             }
             let datagram = match output.format {
                 StateFormat::Protobuf => state.encode_to_vec(),

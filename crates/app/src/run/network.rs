@@ -1,6 +1,7 @@
 //! How is a run connected to the network? network.toml, with remote commands passed to the arbiter.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, ensure};
@@ -78,10 +79,11 @@ impl RunNetwork {
     ) -> Result<Self> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH);
         let session = since.map_or(0, |since| since.as_nanos() as u64);
-        let arbiter = arbiter.clone();
-        // The reason of a rejection is not reported: the sender sees that the wheels do not turn.
-        let execute = move |command: RemoteCommand| execute_command(&arbiter, command).is_ok();
-        let network = config.start(feed, (preamble, tuning), session, hw::now, execute)?;
+        let (commanded, observed) = (arbiter.clone(), arbiter.clone());
+        let execute = move |command: RemoteCommand| execute_command(&commanded, command).is_ok();
+        let obstacle = Arc::new(move || observed.obstacle_to_programs());
+        let commands = (execute, obstacle as _);
+        let network = config.start(feed, (preamble, tuning), session, hw::now, commands)?;
         Ok(RunNetwork {
             network,
             #[cfg(feature = "ros2")]

@@ -46,7 +46,7 @@ pub struct State {
     #[prost(uint64)]
     #[serde(default)]
     pub boot: u64,
-    /// Why the newest command datagram was rejected. Empty if it was accepted or none has come.
+    /// Why the newest command datagram was rejected, else why accepted commands have no effect now. Empty if they have.
     #[prost(string)]
     #[serde(default)]
     pub command_fault: String,
