@@ -72,15 +72,9 @@ pub(crate) fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
                 Some(KeyAction::Kick) => kick(arbiter),
                 Some(KeyAction::Stop) => {
                     keyboard.was_driving = false;
-                    if arbiter.stop_by_hand() {
-                        stderr_line!("stopped: no program drives until r is pressed");
-                    }
+                    stop_robot(arbiter);
                 }
-                Some(KeyAction::Release) => {
-                    if arbiter.release() {
-                        stderr_line!("programs may drive again");
-                    }
-                }
+                Some(KeyAction::Release) => release_robot(arbiter),
                 None => {}
             }
         }
@@ -105,6 +99,18 @@ pub(crate) fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
         }
     }
     Ok(())
+}
+
+fn stop_robot(arbiter: &CommandArbiter) {
+    if arbiter.stop_by_hand() {
+        stderr_line!("stopped: no program drives until r is pressed");
+    }
+}
+
+fn release_robot(arbiter: &CommandArbiter) {
+    if arbiter.release() {
+        stderr_line!("programs may drive again");
+    }
 }
 
 fn kick(arbiter: &CommandArbiter) {
