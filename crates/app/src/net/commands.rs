@@ -118,7 +118,12 @@ impl CommandFilter {
     ) -> Result<RemoteCommand, RejectReason> {
         let content = verify_mac(datagram, self.key.as_ref())?;
         let command = if content.first() == Some(&b'{') {
-            serde_json::from_slice(content).map_err(|_foreign| RejectReason::Foreign)?
+            let command: Command =
+                serde_json::from_slice(content).map_err(|_foreign| RejectReason::Foreign)?;
+            if command.version == 0 {
+                return Err(RejectReason::Unversioned);
+            }
+            command
         } else {
             let command = Command::decode(content).map_err(|_foreign| RejectReason::Foreign)?;
             // Other bytes, none among them, may decode by chance. They lack a version then.

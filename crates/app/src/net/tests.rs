@@ -255,6 +255,23 @@ fn empty_datagram_is_no_message() {
 }
 
 #[test]
+fn json_of_protobuf_libraries_is_a_command_and_one_without_a_version_is_named() {
+    let mut filter = CommandFilter::new(&CommandConfig::default(), IDENTITY).expect("a filter");
+    let mut accept = |text: &str| filter.accept(text.as_bytes(), Stamp(0)).map(|_| ());
+    let session = r#""session": "1790000000000000000", "validMs": 100.0, "drive": {"x": 0.5}"#;
+    let first = format!(r#"{{"version": 1, {session}}}"#);
+    assert_eq!(accept(&first), Ok(()));
+    let later = format!(
+        r#"{{"version": 1, {session}, "sequence": "1", "kick": null, "note": "to the left"}}"#
+    );
+    assert_eq!(accept(&later), Ok(()));
+    let unversioned = format!(r#"{{{session}, "sequence": "2"}}"#);
+    assert_eq!(accept(&unversioned), Err(RejectReason::Unversioned));
+    assert_eq!(accept("{"), Err(RejectReason::Foreign));
+    assert_eq!(accept(r#"{"version": 2}"#), Err(RejectReason::Version));
+}
+
+#[test]
 fn remote_commands_require_a_key() {
     let mut config = CommandConfig {
         bind: "0.0.0.0:0".to_owned(),

@@ -33,6 +33,9 @@ pub enum RejectReason {
     /// Another version of the message.
     #[error("of another version")]
     Version,
+    /// JSON without a version.
+    #[error("without `version` (expected 1)")]
+    Unversioned,
     /// Received before, or older than the latest message.
     #[error("received before, or older than the latest message")]
     Old,

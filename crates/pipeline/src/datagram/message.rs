@@ -6,6 +6,7 @@ use localize::flight::BallMotionMode;
 use localize::world::{AirborneState, TeamColour, TrackedObject};
 use serde::{Deserialize, Serialize};
 
+use super::proto_json;
 use crate::cycle::Cycle;
 use crate::log::schema::convert;
 
@@ -187,73 +188,80 @@ pub struct Health {
     pub others_share_max: Option<f32>,
 }
 
-/// A command to drive, to kick, or both.
+/// A command to drive, to kick, or both. JSON as proto3 maps it: absent and null are the default, unknown keys are ignored.
 #[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
-#[serde(deny_unknown_fields)]
+#[serde(default)]
 pub struct Command {
     /// [`VERSION`].
     #[prost(uint32)]
+    #[serde(deserialize_with = "proto_json::integer")]
     pub version: u32,
     /// Increases with each start of the sender, for example its start time in nanoseconds since 1970.
     #[prost(uint64)]
+    #[serde(deserialize_with = "proto_json::integer")]
     pub session: u64,
     /// Increases with each command of a session.
     #[prost(uint64)]
+    #[serde(deserialize_with = "proto_json::integer")]
     pub sequence: u64,
     /// Validity after arrival, milliseconds. Then the wheels stop.
     #[prost(float)]
+    #[serde(deserialize_with = "proto_json::float", alias = "validMs")]
     pub valid_ms: f32,
     /// Velocity while the command is valid.
     #[prost(message, optional)]
-    #[serde(default)]
     pub drive: Option<Drive>,
     /// A single kick.
     #[prost(message, optional)]
-    #[serde(default)]
     pub kick: Option<Kick>,
     /// Drive only while the robot is localized.
     #[prost(bool)]
-    #[serde(default)]
+    #[serde(deserialize_with = "proto_json::flag", alias = "needsPose")]
     pub needs_pose: bool,
     /// `boot` of the robot's newest state. With a key it is required.
     #[prost(uint64)]
-    #[serde(default)]
+    #[serde(deserialize_with = "proto_json::integer")]
     pub boot: u64,
     /// Number of the robot to which the command is sent, as in its state. With a key it is required.
     #[prost(uint32)]
-    #[serde(default)]
+    #[serde(deserialize_with = "proto_json::integer")]
     pub robot: u32,
     /// `stamp_ns` of the state on which the command is based. 0 if none; else the robot rejects a command that took too
     /// long.
     #[prost(sint64)]
-    #[serde(default)]
+    #[serde(deserialize_with = "proto_json::integer", alias = "stateNs")]
     pub state_ns: i64,
 }
 
 /// A velocity in the robot frame.
 #[derive(Clone, Copy, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
 pub struct Drive {
     /// Forward, m/s.
     #[prost(float)]
+    #[serde(deserialize_with = "proto_json::float")]
     pub x: f32,
     /// To the left, m/s.
     #[prost(float)]
+    #[serde(deserialize_with = "proto_json::float")]
     pub y: f32,
     /// Counter-clockwise, rad/s.
     #[prost(float)]
+    #[serde(deserialize_with = "proto_json::float")]
     pub theta: f32,
 }
 
 /// A kick.
 #[derive(Clone, Copy, PartialEq, prost::Message, Serialize, Deserialize, foxglove::Encode)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
 pub struct Kick {
     /// Speed of the ball, m/s.
     #[prost(float)]
+    #[serde(deserialize_with = "proto_json::float")]
     pub speed: f32,
     /// True for a lofted kick, false for one along the ground.
     #[prost(bool)]
+    #[serde(deserialize_with = "proto_json::flag")]
     pub lofted: bool,
 }
 

@@ -5,6 +5,7 @@
 pub mod authentication;
 pub mod message;
 mod peer_clock;
+mod proto_json;
 mod team_link;
 
 pub use team_link::{TeamClock, TeamLink, TeamLinkCounts};
