@@ -4,6 +4,7 @@
 
 mod address;
 pub(crate) mod commands;
+mod lock;
 #[cfg(test)]
 mod multicast_tests;
 mod polling;
@@ -55,7 +56,7 @@ pub(crate) struct Network {
     /// The live stream, kept until the end.
     pub stream: Option<stream::StreamServer>,
     /// The state output, kept until the end.
-    _state_sender: Option<StateSender>,
+    pub state_sender: Option<StateSender>,
 }
 
 /// Reads and checks network.toml. The error names file, line and reason.
@@ -80,6 +81,9 @@ impl NetworkConfig {
             if commands.key.is_some() {
                 self.check_identity_is_published(robot)?;
             }
+        }
+        for output in &self.outputs {
+            address::check_form(&output.to).context("[[outputs]] to")?;
         }
         if let Some(team) = &self.team {
             team.address()?;
@@ -145,7 +149,7 @@ impl NetworkConfig {
             commands,
             team: self.team.as_ref().map(team).transpose()?,
             stream: self.stream.as_ref().map(stream).transpose()?,
-            _state_sender: (!self.outputs.is_empty())
+            state_sender: (!self.outputs.is_empty())
                 .then(|| StateSender::start(feed, &self.outputs, status))
                 .transpose()?,
         })

@@ -1,16 +1,17 @@
 //! How do other programs get the robot's state? A thread sends a datagram per cycle to each address.
 
 use std::net::{SocketAddr, UdpSocket};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use anyhow::{Context, Result};
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
-use super::address::resolve;
+use super::address::{Destination, resolve};
 use super::commands::{ListenerState, RobotIdentity};
+use super::lock::lock;
 use super::polling::POLL_PERIOD;
 use pipeline::datagram::message::State;
 use pipeline::feed::{Feed, RecvError, Subscription};
@@ -19,7 +20,7 @@ use pipeline::feed::{Feed, RecvError, Subscription};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct OutputConfig {
-    /// Host and port.
+    /// Host and port. A name that is not known yet is asked for until it is.
     pub to: String,
     /// Encoding.
     pub format: StateFormat,
@@ -73,14 +74,16 @@ impl CommandStatus {
 
 /// A thread that sends the state. Dropping it ends the thread.
 pub(crate) struct StateSender {
+    notices: Arc<Mutex<Vec<String>>>,
     stop_requested: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 /// An address with its socket and encoding.
 struct Receiver {
-    socket: UdpSocket,
-    address: SocketAddr,
+    destination: Destination,
+    /// None until the address is known.
+    socket: Option<UdpSocket>,
     output: OutputConfig,
 }
 
@@ -92,26 +95,33 @@ impl StateSender {
         commands: Option<CommandStatus>,
     ) -> Result<Self> {
         let mut receivers = Vec::with_capacity(outputs.len());
+        let stop_requested = Arc::new(AtomicBool::new(false));
+        let notices = Arc::default();
         for output in outputs {
-            let address =
-                resolve(&output.to).with_context(|| format!("[[outputs]] to = {:?}", output.to))?;
+            let destination = Destination::new(&output.to, resolve, &stop_requested, &notices);
+            let destination = destination.context("[[outputs]] to")?;
             receivers.push(Receiver {
-                socket: socket(address)?,
-                address,
+                socket: destination.address().map(socket).transpose()?,
+                destination,
                 output: output.clone(),
             });
         }
-        let stop_requested = Arc::new(AtomicBool::new(false));
         let stop = stop_requested.clone();
         // Only the newest cycle is of use.
         let cycles = feed.subscribe(1);
         let thread = std::thread::Builder::new()
             .name("outputs".to_owned())
-            .spawn(move || send_states(&cycles, &receivers, commands.as_ref(), &stop))?;
+            .spawn(move || send_states(&cycles, receivers, commands.as_ref(), &stop))?;
         Ok(StateSender {
+            notices,
             stop_requested,
             thread: Some(thread),
         })
+    }
+
+    /// Messages for the operator since the last call.
+    pub(crate) fn take_notices(&self) -> Vec<String> {
+        std::mem::take(&mut *lock(&self.notices))
     }
 }
 
@@ -127,7 +137,7 @@ impl Drop for StateSender {
 
 fn send_states(
     cycles: &Subscription,
-    receivers: &[Receiver],
+    mut receivers: Vec<Receiver>,
     commands: Option<&CommandStatus>,
     stop: &AtomicBool,
 ) {
@@ -137,12 +147,16 @@ fn send_states(
             Err(RecvError::Timeout) => continue,
             Err(RecvError::Closed) => return,
         };
-        for Receiver {
-            socket,
-            address,
-            output,
-        } in receivers
-        {
+        for receiver in &mut receivers {
+            let Some(address) = receiver.destination.address() else {
+                continue;
+            };
+            if receiver.socket.is_none() {
+                receiver.socket = socket(address).ok();
+            }
+            let (Some(socket), output) = (&receiver.socket, &receiver.output) else {
+                continue;
+            };
             let mut state = State::from_cycle(output.robot, index, &cycle);
             if let Some(commands) = commands {
                 state.boot = commands.identity.boot;

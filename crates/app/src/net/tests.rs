@@ -302,6 +302,15 @@ fn remote_commands_require_a_key() {
     };
     let error = key_without_outputs.check().expect_err("rejected");
     assert!(error.to_string().contains("Add [[outputs]]"), "{error:#}");
+    let misspelt = NetworkConfig {
+        outputs: vec![OutputConfig {
+            to: "coach.local".to_owned(),
+            ..OutputConfig::default()
+        }],
+        ..NetworkConfig::default()
+    };
+    let error = format!("{:#}", misspelt.check().expect_err("rejected"));
+    assert!(error.contains("expected host:port"), "{error}");
     let published = NetworkConfig {
         outputs: vec![OutputConfig::default()],
         ..key_without_outputs

@@ -150,10 +150,12 @@ impl RunNetwork {
     /// Messages for the operator since the last call.
     pub(super) fn take_notices(&self) -> Vec<String> {
         let commands = self.network.commands.iter();
+        let outputs = self.network.state_sender.iter();
         let stream = self.network.stream.iter();
         let team = self.network.team.iter();
         let notices = commands
             .flat_map(|commands| commands.take_notices())
+            .chain(outputs.flat_map(|outputs| outputs.take_notices()))
             .chain(team.flat_map(|team| team.take_notices()))
             .chain(stream.flat_map(|stream| stream.take_notices()));
         #[cfg(feature = "ros2")]
