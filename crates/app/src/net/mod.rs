@@ -8,6 +8,7 @@ mod lock;
 #[cfg(test)]
 mod multicast_tests;
 mod polling;
+mod send_schedule;
 pub(crate) mod state_sender;
 pub(crate) mod team;
 #[cfg(test)]

@@ -16,6 +16,7 @@ use localize::team::TeamReport;
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::polling::POLL_PERIOD;
+use super::send_schedule::SendSchedule;
 use pipeline::datagram::{TeamClock, TeamLink, TeamLinkConfig};
 use pipeline::feed::{Feed, RecvError, Subscription};
 
@@ -61,7 +62,7 @@ impl TeamTransport {
         let sender = TeamSender {
             socket: receiver.try_clone()?.into(),
             group,
-            period: Duration::from_secs_f64(1.0 / config.rate),
+            rate: config.rate,
         };
         let stop_requested = Arc::new(AtomicBool::new(false));
         let (queue, reports) = sync_channel(MAX_PENDING_REPORTS);
@@ -203,11 +204,12 @@ fn receive(
     }
 }
 
-/// Socket, address and period of the messages sent.
+/// Socket, address and rate of the messages sent.
 struct TeamSender {
     socket: UdpSocket,
     group: SocketAddrV4,
-    period: Duration,
+    /// Messages per second.
+    rate: f64,
 }
 
 impl TeamSender {
@@ -218,18 +220,17 @@ impl TeamSender {
         stop: &AtomicBool,
         clock: impl Fn() -> Stamp,
     ) {
-        let mut due = Instant::now();
+        let started = Instant::now();
+        let mut schedule = SendSchedule::new(self.rate);
         while !stop.load(Ordering::Relaxed) {
             let cycle = match cycles.recv_timeout(POLL_PERIOD) {
                 Ok(cycle) => cycle,
                 Err(RecvError::Timeout) => continue,
                 Err(RecvError::Closed) => return,
             };
-            let now = Instant::now();
-            if now < due {
+            if !schedule.is_due(started.elapsed().as_secs_f64()) {
                 continue;
             }
-            due = now + self.period;
             let message = lock(link).encode_message(&cycle, clock());
             // Without a network the message is lost; the next one is newer.
             let _ = self.socket.send_to(&message, self.group);

@@ -31,7 +31,8 @@ pub struct TeamLinkConfig {
     /// A phrase that the team shares; messages then end with an authentication code. Other interfaces than the loopback
     /// require it.
     pub key: Option<String>,
-    /// Messages per second.
+    /// Messages per second on average. A message follows an image, so there are no more than images: 10 per second without a
+    /// camera.
     pub rate: f64,
     /// After this time without a message a robot may restart with a lower session, seconds.
     pub silence: f64,
