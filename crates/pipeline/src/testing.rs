@@ -111,6 +111,7 @@ impl RandomValues {
             }],
             reports: vec![TeamReport {
                 robot: 3,
+                is_member: true,
                 stamp,
                 pose: Some(self.pose()),
                 pose_std: self.values(),

@@ -364,6 +364,7 @@ fn report(
     });
     TeamReport {
         robot: number,
+        is_member: true,
         stamp,
         pose: estimate.pose,
         pose_std: [POSE_STD[0], POSE_STD[0], POSE_STD[1]],

@@ -12,7 +12,8 @@ use crate::localizer::CooperativeConfig;
 pub struct TeamConfig {
     /// This robot's number in the team.
     pub number: u32,
-    /// Largest number of team-mates; reports of further numbers are ignored.
+    /// Largest number of team-mates; reports of further numbers are ignored. The team's `members` (network.toml) take the places of
+    /// other numbers.
     pub teammates_max: usize,
     /// Largest age of a reported ball's last detection, seconds. Older balls are ignored.
     pub ball_age_max: f32,

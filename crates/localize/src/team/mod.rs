@@ -122,13 +122,32 @@ impl TeamModel {
                     self.history.add_report(report);
                 }
             }
-            Err(index) if self.reports.len() < self.config.teammates_max => {
+            Err(_) if self.make_place_for(report) => {
+                let index = self
+                    .reports
+                    .partition_point(|known| known.robot < report.robot);
                 self.reports.insert(index, report.clone());
                 self.rays.add_report(report);
                 self.history.add_report(report);
             }
             Err(_) => {}
         }
+    }
+
+    /// True if there is a place for a report of a new number. A member of the team takes that of another number, the one with
+    /// the oldest report.
+    fn make_place_for(&mut self, report: &TeamReport) -> bool {
+        if self.reports.len() < self.config.teammates_max {
+            return true;
+        }
+        let others = self.reports.iter().enumerate();
+        let replaceable = others.filter(|(_, known)| report.is_member && !known.is_member);
+        let replaced = replaceable.min_by_key(|(_, known)| known.stamp);
+        let Some((index, _)) = replaced else {
+            return false;
+        };
+        self.reports.remove(index);
+        true
     }
 
     /// The team's knowledge at an image's stamp, our own world model included.

@@ -9,6 +9,8 @@ use crate::world::BallSighting;
 pub struct TeamReport {
     /// Its number in the team.
     pub robot: u32,
+    /// True if the team lists the number: it takes the place of one that is not listed.
+    pub is_member: bool,
     /// Time of the reported state, by our clock.
     pub stamp: Stamp,
     /// Its pose; None while it is lost.

@@ -24,6 +24,7 @@ fn measurement(robot: u32, x: f32, y: f32, std: f32) -> BallMeasurement {
 fn report(robot: u32, x: f32, y: f32) -> TeamReport {
     TeamReport {
         robot,
+        is_member: true,
         stamp: Stamp(0),
         pose: Some(Pose::new(0.0, 0.0, 0.0)),
         pose_std: [0.05, 0.05, 0.02],
@@ -164,6 +165,45 @@ fn stale_reordered_and_own_reports_are_ignored() {
     assert_eq!(view.teammates, []);
 }
 
+#[test]
+fn members_of_the_team_take_the_places_of_other_numbers() {
+    let config = TeamConfig::default();
+    let places = config.teammates_max as u32;
+    let mut team = TeamModel::new(config);
+    for number in 0..places {
+        let stamp = Stamp(i64::from(number % 7));
+        let stranger = TeamReport {
+            is_member: false,
+            stamp,
+            ..report(100 + number, -4.0, -4.0)
+        };
+        team.receive(&stranger);
+    }
+    let numbers = |team: &mut TeamModel| {
+        let view = team.update(Stamp(10), &WorldView::default(), &estimate(true));
+        let numbers = view.teammates.iter().map(|mate| mate.robot);
+        numbers.collect::<Vec<u32>>()
+    };
+    team.receive(&TeamReport {
+        is_member: false,
+        ..report(200, 2.0, 1.0)
+    });
+    assert!(!numbers(&mut team).contains(&200));
+    // Of the numbers with the oldest report, 100 and 107, the first one goes.
+    team.receive(&report(6, 2.0, 1.0));
+    let present = numbers(&mut team);
+    assert!(present.contains(&6) && !present.contains(&100) && present.contains(&107));
+    assert_eq!(present.len(), places as usize);
+    assert!(present.is_sorted(), "{present:?}");
+    // Members do not replace one another.
+    for number in 10..30 {
+        team.receive(&report(number, 2.0, 1.0));
+    }
+    let present = numbers(&mut team);
+    assert!(present.contains(&6) && present.iter().all(|number| *number < 20));
+    assert_eq!(present.len(), places as usize);
+}
+
 proptest! {
     #[test]
     fn arbitrary_reports_give_finite_balls(
@@ -174,6 +214,7 @@ proptest! {
         for (robot, stamp, [x, y, vx, vy, xx, xy, yy], last_seen, half_known) in reports {
             team.receive(&TeamReport {
                 robot,
+                is_member: robot % 2 == 0,
                 stamp: Stamp(stamp),
                 pose: Some(Pose::new(x, y, vx)),
                 pose_std: [xx, xy, yy],

@@ -26,7 +26,8 @@ pub struct TeamLinkConfig {
     pub team: u32,
     /// Number of this robot.
     pub robot: u32,
-    /// Numbers of the team's robots. Other numbers are received while there is place, 16 senders in all.
+    /// Numbers of the team's robots. Other numbers are received while there is place, 16 senders in all, and used while there is,
+    /// `team.teammates_max` in all.
     pub members: Vec<u32>,
     /// A phrase that the team shares; messages then end with an authentication code. Other interfaces than the loopback
     /// require it.

@@ -177,7 +177,8 @@ impl TeamLink {
         let offset = peer.clock.offset(now.0).map_or(0, |clock| clock.offset_ns);
         // The clock offset has an error, but a report is never from the future.
         let ours = |theirs: i64| Stamp(theirs.saturating_add(offset).min(now.0));
-        Ok(report_from_message(&message, ours))
+        let is_member = self.members.contains(&message.robot);
+        Ok(report_from_message(&message, is_member, ours))
     }
 }
 
@@ -205,7 +206,11 @@ impl TeamLink {
     }
 }
 
-fn report_from_message(message: &TeamMessage, ours: impl Fn(i64) -> Stamp) -> TeamReport {
+fn report_from_message(
+    message: &TeamMessage,
+    is_member: bool,
+    ours: impl Fn(i64) -> Stamp,
+) -> TeamReport {
     let pose = message.pose.as_ref();
     let std = |i: usize| {
         pose.and_then(|pose| pose.std.get(i))
@@ -214,6 +219,7 @@ fn report_from_message(message: &TeamMessage, ours: impl Fn(i64) -> Stamp) -> Te
     };
     TeamReport {
         robot: message.robot,
+        is_member,
         stamp: ours(message.stamp_ns),
         pose: pose.map(|pose| Pose::new(pose.x, pose.y, pose.theta)),
         pose_std: [std(0), std(1), std(2)],

@@ -78,6 +78,7 @@ fn reports(index: usize, frame: &SyntheticSample) -> Vec<TeamReport> {
         let places = others.map(|[x, y]| At::new(*x, *y));
         TeamReport {
             robot: number as u32,
+            is_member: true,
             stamp: frame.stamp,
             pose: Some(Pose::new(at[0], at[1], 0.0)),
             pose_std: [0.03, 0.03, 0.01],

@@ -166,6 +166,7 @@ impl Mate {
         });
         TeamReport {
             robot: self.number,
+            is_member: true,
             stamp: stamp + f64::from(self.clock_error),
             pose: Some(believed),
             pose_std: variances.map(f32::sqrt).into(),

@@ -127,6 +127,9 @@ pub(crate) struct TeamReport {
     /// Of each obstacle: xx, xy, yy, m². Empty in logs of earlier versions.
     #[prost(float, repeated)]
     pub(crate) obstacles_covariance: Vec<f32>,
+    /// False in logs of earlier versions, in which no number came before others.
+    #[prost(bool)]
+    pub(crate) is_member: bool,
 }
 
 /// `localize::team::TeamBall`: the fused ball of the majority, field frame.

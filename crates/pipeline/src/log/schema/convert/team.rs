@@ -18,6 +18,7 @@ use super::world::{airborne_from_wire, airborne_to_wire, sighting_from_wire, sig
 pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
     let TeamReport {
         robot,
+        is_member,
         stamp,
         pose,
         pose_std,
@@ -33,6 +34,7 @@ pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
     };
     wire::TeamReport {
         robot: *robot,
+        is_member: *is_member,
         stamp_ns: stamp.0,
         pose: pose.map(pose_to_wire),
         pose_std: pose_std.to_vec(),
@@ -56,6 +58,7 @@ pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
 pub(super) fn team_report_from_wire(report: &wire::TeamReport) -> Result<TeamReport> {
     Ok(TeamReport {
         robot: report.robot,
+        is_member: report.is_member,
         stamp: Stamp(report.stamp_ns),
         pose: report.pose.as_ref().map(pose_from_wire),
         pose_std: report.pose_std[..]
