@@ -3,19 +3,21 @@
 use std::collections::BTreeMap;
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
-use hw::StampedSocket;
 use localize::Stamp;
 use prost::Message;
 use serde::{Deserialize, Serialize};
 use socket2::Type;
 
 use super::address::{bind, resolve};
+use super::command_senders::CommandSenders;
+use super::lock::lock;
 use super::polling::POLL_PERIOD;
+use super::sourced_socket::SourcedSocket;
 use pipeline::datagram::authentication::{MacKey, RejectReason, ReplayGuard, verify_mac};
 use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
 
@@ -23,9 +25,9 @@ use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CommandConfig {
-    /// Address to listen on; other than loopback addresses need a key.
+    /// Address to listen on; other than loopback addresses need a key. The name of a host must be known at the start.
     pub bind: String,
-    /// Phrase shared with the sender; datagrams then end with an authentication code.
+    /// Phrase of at least 8 characters shared with the sender; datagrams then end with an authentication code.
     pub key: Option<String>,
     /// Maximum validity of a command, milliseconds; longer ones are shortened.
     pub valid_max_ms: f32,
@@ -33,7 +35,8 @@ pub struct CommandConfig {
     pub speed_max: f32,
     /// Maximum speed of a kick, m/s.
     pub kick_max: f32,
-    /// After this silence a sender may start again with a lower session, seconds.
+    /// After this time without an accepted command a sender may start again with a lower session, seconds. Without a key one that
+    /// another sender interrupted goes on then; under a key it needs a session that was not used yet.
     pub silence: f64,
     /// Maximum age of the state on which a command is based, if the command names it, milliseconds. A state as far in the
     /// future is rejected, too.
@@ -102,12 +105,18 @@ impl CommandFilter {
                 "[commands] invalid {name}: {value} (expected 0 to 1e6)"
             );
         }
+        let key = config.key.as_deref().map(MacKey::new).transpose()?;
         Ok(CommandFilter {
             config: config.clone(),
             identity,
-            key: config.key.as_deref().map(MacKey::new).transpose()?,
-            replay_guard: ReplayGuard::default(),
+            replay_guard: ReplayGuard::new(key.is_some()),
+            key,
         })
+    }
+
+    /// The session of the latest accepted command.
+    pub fn session(&self) -> Option<u64> {
+        self.replay_guard.session()
     }
 
     /// Decodes and checks a datagram that arrived at `arrival`, in the clock of the published states.
@@ -206,9 +215,9 @@ pub(crate) struct CommandListener {
 #[derive(Default)]
 pub(crate) struct ListenerState {
     counts: Mutex<CommandCounts>,
-    /// Why the newest datagram was rejected.
-    fault: Mutex<Option<RejectReason>>,
-    /// Messages for the operator: one for each reason.
+    /// Why the newest datagram was rejected. Empty if it was not.
+    fault: Mutex<String>,
+    /// Messages for the operator.
     notices: Mutex<Vec<String>>,
     stop_requested: AtomicBool,
 }
@@ -272,7 +281,7 @@ impl CommandListener {
         let socket = UdpSocket::from(socket);
         #[cfg(test)]
         let address = socket.local_addr()?;
-        let mut socket = StampedSocket::new(socket)?;
+        let mut socket = SourcedSocket::new(socket, POLL_PERIOD)?;
         let shared = Arc::new(ListenerState::default());
         lock(&shared.notices).extend(notice.map(|text| format!("[commands] {text}")));
         let state = shared.clone();
@@ -280,16 +289,28 @@ impl CommandListener {
             .name("commands".to_owned())
             .spawn(move || {
                 let mut datagram = [0; MAX_DATAGRAM_BYTES];
+                let mut senders = CommandSenders::new();
                 while !state.stop_requested.load(Ordering::Relaxed) {
-                    let Some(received) = socket.receive(&mut datagram, POLL_PERIOD) else {
+                    let Some(received) = socket.receive(&mut datagram) else {
                         continue;
                     };
+                    let before = filter.session();
                     let command = filter.accept(&datagram[..received.length], received.arrival);
+                    if command.is_ok() {
+                        let has_taken_over = filter.session() != before;
+                        lock(&state.notices).extend(senders.accept(&received, has_taken_over));
+                    }
                     // The thread may have been stopped while the command waited in the socket.
                     let command = command.and_then(|command| {
                         let in_time = command.deadline > hw::now();
                         in_time.then_some(command).ok_or(RejectReason::Late)
                     });
+                    let rejected = command.as_ref().err();
+                    if let Some(reason) = rejected {
+                        lock(&state.notices).extend(senders.reject(&received, *reason));
+                    }
+                    *lock(&state.fault) =
+                        rejected.map_or_else(String::new, |reason| senders.fault(*reason));
                     state.count(command.map(&mut execute));
                 }
             })?;
@@ -349,32 +370,20 @@ impl Drop for CommandListener {
 
 impl ListenerState {
     fn count(&self, executed: Result<bool, RejectReason>) {
-        *lock(&self.fault) = executed.err();
         let mut counts = self.lock();
         match executed {
             Ok(true) => counts.accepted += 1,
             Ok(false) => counts.overruled += 1,
-            Err(reason) => {
-                let count = counts.refused.entry(reason).or_default();
-                *count += 1;
-                if *count == 1 {
-                    lock(&self.notices).push(format!("a remote command is rejected: {reason}"));
-                }
-            }
+            Err(reason) => *counts.refused.entry(reason).or_default() += 1,
         }
     }
 
     /// Why the newest datagram was rejected; empty if it was not.
     pub(crate) fn fault(&self) -> String {
-        lock(&self.fault).map_or_else(String::new, |reason| reason.to_string())
+        lock(&self.fault).clone()
     }
 
     fn lock(&self) -> MutexGuard<'_, CommandCounts> {
         lock(&self.counts)
     }
-}
-
-// Counts and messages are valid even if a thread panicked with the lock.
-fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

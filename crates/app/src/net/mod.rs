@@ -3,12 +3,15 @@
 //! `docs/network.md` describes the messages, `docs/network.proto` their encoding.
 
 mod address;
+mod command_senders;
 pub(crate) mod commands;
 mod lock;
 #[cfg(test)]
 mod multicast_tests;
 mod polling;
+mod rejection_notices;
 mod send_schedule;
+mod sourced_socket;
 pub(crate) mod state_sender;
 pub(crate) mod team;
 #[cfg(test)]

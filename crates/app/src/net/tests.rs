@@ -272,6 +272,25 @@ fn json_of_protobuf_libraries_is_a_command_and_one_without_a_version_is_named() 
 }
 
 #[test]
+fn stray_command_of_another_program_interrupts_the_controller_for_the_silence_alone() {
+    let mut filter = CommandFilter::new(&CommandConfig::default(), IDENTITY).expect("a filter");
+    let mut accept = |session, sequence, milliseconds: i64| {
+        let command = Command {
+            session,
+            ..command(sequence)
+        };
+        let arrival = Stamp(milliseconds * 1_000_000);
+        let accepted = filter.accept(&command.encode_to_vec(), arrival);
+        accepted.map(|_| ())
+    };
+    assert_eq!(accept(5, 1, 0), Ok(()));
+    assert_eq!(accept(6, 1, 30), Ok(()));
+    let accepted = (2..100).map(|k| accept(5, k, k as i64 * 30).is_ok());
+    // From 1030 ms on: the silence is a second.
+    assert_eq!(accepted.filter(|accepted| *accepted).count(), 65);
+}
+
+#[test]
 fn remote_commands_require_a_key() {
     let mut config = CommandConfig {
         bind: "0.0.0.0:0".to_owned(),

@@ -34,7 +34,7 @@ pub(crate) struct StreamConfig {
     pub origins: Vec<String>,
     /// Viewers may change settings while the robot plays. On other addresses than the loopback this needs a key.
     pub tuning: bool,
-    /// Phrase under which viewers seal their changes.
+    /// Phrase of at least 8 characters under which viewers seal their changes.
     pub key: Option<String>,
 }
 

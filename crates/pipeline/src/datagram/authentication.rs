@@ -5,7 +5,7 @@ use sha2::Sha256;
 
 /// Length of the code after a datagram's content, bytes: the first half of HMAC-SHA256.
 pub const MAC_BYTES: usize = 16;
-/// Shortest key, characters; shorter ones can be guessed.
+/// Shortest key, characters; shorter ones can be guessed. Also in the documents of the keys of network.toml.
 const MIN_KEY_LENGTH: usize = 8;
 
 /// A key that all senders share.
@@ -39,6 +39,11 @@ pub enum RejectReason {
     /// Received before, or older than the latest message.
     #[error("received before, or older than the latest message")]
     Old,
+    /// From a session that another one has replaced, or that is lower than the present one.
+    #[error(
+        "another sender took over with a higher session. Start again with a higher one, or without a key wait until that sender is silent"
+    )]
+    Superseded,
     /// A value is implausible on a field.
     #[error("no sensible numbers")]
     Senseless,
@@ -63,7 +68,7 @@ impl MacKey {
     /// Derives a key from a phrase. Short phrases are rejected.
     pub fn new(phrase: &str) -> anyhow::Result<Self> {
         anyhow::ensure!(
-            phrase.len() >= MIN_KEY_LENGTH,
+            phrase.chars().count() >= MIN_KEY_LENGTH,
             "key: must have at least {MIN_KEY_LENGTH} characters"
         );
         Ok(MacKey(Hmac::new_from_slice(phrase.as_bytes())?))
@@ -102,15 +107,17 @@ pub fn verify_mac<'a>(datagram: &'a [u8], key: Option<&MacKey>) -> Result<&'a [u
         .map_err(|_wrong| RejectReason::Unsealed)
 }
 
-/// Number of ended sessions that are remembered. After more, only higher sessions are accepted.
+/// Number of ended sessions that are remembered. After more, only higher sessions are accepted under a key; without one the
+/// oldest is forgotten.
 const MAX_ENDED_SESSIONS: usize = 64;
 
 /// Accepts each message of a sender once, and none older than the latest.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct ReplayGuard {
+    sessions_return: bool,
     last: Option<LastMessage>,
-    /// Sessions that another one has replaced: they never come back.
-    ended: Vec<u64>,
+    /// Sessions that another one has replaced, the oldest first.
+    ended: Vec<EndedSession>,
 }
 
 /// The latest accepted message.
@@ -122,11 +129,29 @@ struct LastMessage {
     received: f64,
 }
 
+/// The last accepted message of a session that another one has replaced.
+#[derive(Debug, Clone, Copy)]
+struct EndedSession {
+    session: u64,
+    sequence: u64,
+}
+
 impl ReplayGuard {
+    /// A guard of authenticated messages (`has_key`): a session that another one has replaced never comes back, because a
+    /// recording of it would be as valid. Without a key anyone can send what he likes, and a sender that another one
+    /// interrupted goes on after the silence.
+    pub fn new(has_key: bool) -> Self {
+        ReplayGuard {
+            sessions_return: !has_key,
+            last: None,
+            ended: Vec::new(),
+        }
+    }
+
     /// Checks the message `sequence` of a sender's `session` (larger for each start of the sender) at `now`, seconds.
     ///
-    /// After `silence` seconds without a message, a lower session is accepted too, because the sender's clock may have
-    /// been set, but never one that was accepted before.
+    /// After `silence` seconds without an accepted message, a lower session is accepted too, because the sender's clock may
+    /// have been set. Under a key never one that was accepted before; without one only messages after its last one.
     pub fn accept(
         &mut self,
         session: u64,
@@ -135,20 +160,13 @@ impl ReplayGuard {
         silence: f64,
     ) -> Result<(), RejectReason> {
         if let Some(last) = self.last {
-            let is_fresh = if session == last.session {
-                sequence > last.sequence
-            } else if self.ended.contains(&session) {
-                false
-            } else if session > last.session {
-                true
+            if session == last.session {
+                if sequence <= last.sequence {
+                    return Err(RejectReason::Old);
+                }
             } else {
-                now - last.received >= silence && self.ended.len() < MAX_ENDED_SESSIONS
-            };
-            if !is_fresh {
-                return Err(RejectReason::Old);
-            }
-            if session != last.session && self.ended.len() < MAX_ENDED_SESSIONS {
-                self.ended.push(last.session);
+                self.check_takeover(last, session, sequence, now - last.received >= silence)?;
+                self.end_session(last, session);
             }
         }
         self.last = Some(LastMessage {
@@ -158,6 +176,50 @@ impl ReplayGuard {
         });
         Ok(())
     }
+
+    /// The session of the latest accepted message.
+    pub fn session(&self) -> Option<u64> {
+        self.last.map(|last| last.session)
+    }
+
+    /// May a session replace that of the last message?
+    fn check_takeover(
+        &self,
+        last: LastMessage,
+        session: u64,
+        sequence: u64,
+        is_silent: bool,
+    ) -> Result<(), RejectReason> {
+        let ended = self.ended.iter().find(|ended| ended.session == session);
+        match ended {
+            Some(ended) if self.sessions_return && is_silent => {
+                let is_fresh = sequence > ended.sequence;
+                is_fresh.then_some(()).ok_or(RejectReason::Old)
+            }
+            Some(_) => Err(RejectReason::Superseded),
+            None if session > last.session => Ok(()),
+            None => {
+                let is_remembered = self.sessions_return || self.ended.len() < MAX_ENDED_SESSIONS;
+                let may_begin = is_silent && is_remembered;
+                may_begin.then_some(()).ok_or(RejectReason::Superseded)
+            }
+        }
+    }
+
+    /// Remembers that `session` has replaced that of the last message.
+    fn end_session(&mut self, last: LastMessage, session: u64) {
+        self.ended.retain(|ended| ended.session != session);
+        if self.ended.len() == MAX_ENDED_SESSIONS {
+            if !self.sessions_return {
+                return;
+            }
+            self.ended.remove(0);
+        }
+        self.ended.push(EndedSession {
+            session: last.session,
+            sequence: last.sequence,
+        });
+    }
 }
 
 #[cfg(test)]
@@ -165,8 +227,49 @@ mod tests {
     use super::*;
 
     #[test]
+    fn keys_have_at_least_eight_characters() {
+        assert!(MacKey::new("1234567").is_err() && MacKey::new("12345678").is_ok());
+        assert!(MacKey::new("äöüß").is_err());
+    }
+
+    #[test]
+    fn interrupted_sender_without_a_key_goes_on_after_the_silence() {
+        let mut guard = ReplayGuard::new(false);
+        let mut accept = |session, sequence, now| guard.accept(session, sequence, now, 1.0);
+        assert_eq!(accept(10, 1, 0.0), Ok(()));
+        assert_eq!(accept(10, 2, 0.1), Ok(()));
+        // A single message of another program.
+        assert_eq!(accept(20, 1, 0.2), Ok(()));
+        assert_eq!(accept(10, 3, 0.3), Err(RejectReason::Superseded));
+        assert_eq!(accept(10, 30, 1.1), Err(RejectReason::Superseded));
+        assert_eq!(accept(10, 2, 1.2), Err(RejectReason::Old));
+        assert_eq!(accept(10, 33, 1.3), Ok(()));
+        // The other program waits for the silence, too, although its session is higher.
+        assert_eq!(accept(20, 2, 1.4), Err(RejectReason::Superseded));
+        assert_eq!(accept(10, 34, 2.2), Ok(()));
+        assert_eq!(accept(20, 3, 2.5), Err(RejectReason::Superseded));
+        assert_eq!(accept(20, 4, 3.3), Ok(()));
+        assert_eq!(accept(21, 1, 3.4), Ok(()));
+        // More sessions than are remembered do not end it.
+        for session in (0..1000).rev() {
+            let now = 1e4 - session as f64 * 2.0;
+            assert_eq!(accept(1000 + session, 1, now), Ok(()), "{session}");
+        }
+    }
+
+    #[test]
+    fn interrupted_sender_under_a_key_needs_a_new_session() {
+        let mut guard = ReplayGuard::new(true);
+        let mut accept = |session, sequence, now| guard.accept(session, sequence, now, 1.0);
+        assert_eq!(accept(10, 1, 0.0), Ok(()));
+        assert_eq!(accept(20, 1, 0.2), Ok(()));
+        assert_eq!(accept(10, 99, 9.9), Err(RejectReason::Superseded));
+        assert_eq!(accept(21, 1, 10.0), Ok(()));
+    }
+
+    #[test]
     fn captured_sessions_cannot_be_replayed_in_turn_during_silence() {
-        let mut guard = ReplayGuard::default();
+        let mut guard = ReplayGuard::new(true);
         let mut accept = |session, sequence, now| guard.accept(session, sequence, now, 1.0).is_ok();
         assert!(accept(10, 1, 0.0) && accept(10, 2, 0.1));
         assert!(accept(20, 1, 0.2) && accept(20, 2, 0.3));
@@ -184,7 +287,7 @@ mod tests {
 
     #[test]
     fn endless_lower_sessions_are_bounded() {
-        let mut guard = ReplayGuard::default();
+        let mut guard = ReplayGuard::new(true);
         let accepted = (0..1000_u64).rev();
         let accepted = accepted.filter(|session| {
             let now = (1000 - session) as f64 * 2.0;

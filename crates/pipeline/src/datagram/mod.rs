@@ -29,13 +29,14 @@ pub struct TeamLinkConfig {
     /// Numbers of the team's robots. Other numbers are received while there is place, 16 senders in all, and used while there is,
     /// `team.teammates_max` in all.
     pub members: Vec<u32>,
-    /// A phrase that the team shares; messages then end with an authentication code. Other interfaces than the loopback
+    /// A phrase of at least 8 characters that the team shares; messages then end with an authentication code. Other interfaces
     /// require it.
     pub key: Option<String>,
     /// Messages per second on average. A message follows an image, so there are no more than images: 10 per second without a
     /// camera.
     pub rate: f64,
-    /// After this time without a message a robot may restart with a lower session, seconds.
+    /// After this time without a message a robot may restart with a lower session, seconds. Under a key never with one that
+    /// another has replaced.
     pub silence: f64,
 }
 

@@ -58,7 +58,7 @@ pub struct TeamLink {
 }
 
 /// Reception of a teammate's messages.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 struct Peer {
     replay_guard: ReplayGuard,
     clock: PeerClock,
@@ -167,7 +167,12 @@ impl TeamLink {
             self.make_place_for(message.robot, now)?;
         }
         let (own, silence) = (self.robot, self.silence);
-        let peer = self.peers.entry(message.robot).or_default();
+        let peer = self.peers.entry(message.robot).or_insert_with(|| Peer {
+            replay_guard: ReplayGuard::new(self.key.is_some()),
+            clock: PeerClock::default(),
+            sent_ns: 0,
+            received_ns: 0,
+        });
         peer.replay_guard
             .accept(message.session, message.sequence, now.seconds(), silence)?;
         let echo = message.echoes.iter().find(|echo| echo.robot == own);
