@@ -500,7 +500,7 @@ fn team_messages_are_received_with_times_in_our_clock_by_the_team_only() {
     assert_eq!(a.receive(&message, Stamp(0)), Err(RejectReason::Unsealed));
     let mut others = TeamLink::new(&TeamLinkConfig { team: 2, ..link(3) }, 1).expect("a link");
     let message = others.encode_message(&localized_cycle(Stamp(0), 0.0, 0.0), Stamp(0));
-    assert_eq!(a.receive(&message, Stamp(0)), Err(RejectReason::Foreign));
+    assert_eq!(a.receive(&message, Stamp(0)), Err(RejectReason::Team));
 }
 
 proptest! {

@@ -50,6 +50,15 @@ pub enum RejectReason {
     /// Sent by this robot.
     #[error("our own")]
     Own,
+    /// Sent by another robot with this robot's number.
+    #[error("another robot sends under this robot's number. Give each robot its own `robot`")]
+    Duplicate,
+    /// Of another team.
+    #[error("of another team")]
+    Team,
+    /// From a number without a place among the stored senders.
+    #[error("no place: other senders are as many as are stored. List the number in `members`")]
+    Full,
     /// Expired before it was read, or based on a state that is too old.
     #[error("too late: expired before it was read, or based on an old state")]
     Late,

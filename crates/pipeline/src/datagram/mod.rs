@@ -5,8 +5,10 @@
 pub mod authentication;
 pub mod message;
 mod peer_clock;
+mod peers;
 mod proto_json;
 mod team_link;
+mod team_message;
 
 pub use team_link::{TeamClock, TeamLink, TeamLinkCounts};
 
@@ -30,7 +32,7 @@ pub struct TeamLinkConfig {
     /// `team.teammates_max` in all.
     pub members: Vec<u32>,
     /// A phrase of at least 8 characters that the team shares; messages then end with an authentication code. Other interfaces
-    /// require it.
+    /// than the loopback require it.
     pub key: Option<String>,
     /// Messages per second on average. A message follows an image, so there are no more than images: 10 per second without a
     /// camera.
