@@ -5,6 +5,7 @@ The messages are encoded here by hand, from docs/network.proto alone. Multicast 
 
 import ctypes
 import fcntl
+import json
 import os
 import random
 import signal
@@ -206,8 +207,19 @@ def test_forged_senders_do_not_keep_a_team_mate_out(tmp_path: Path, states: Stat
         sequence += 1
         team.send(200, sequence)
         team.send(2, sequence)
+    # A message of another version is named with its sender, once.
+    for _ in range(5):
+        team.socket.sendto(number(1, 9) + number(2, 1) + number(3, 3), (GROUP, team.port))
+    states.wait(3)
     run.send_signal(signal.SIGTERM)
-    assert 2 in {mate["robot"] for mate in ended(run)["team"]}
+    out, err = run.communicate(timeout=60)
+    report = json.loads(out)
+    assert 2 in {mate["robot"] for mate in report["team"]}
+    counts = report["team_messages"]
+    assert counts["received"] > 16 and counts["refused"]["full"] > 0 and counts["refused"]["version"] == 5, counts
+    lines = [line for line in err.splitlines() if "[team] a message of" in line]
+    assert len(lines) == 2 and all(f"127.0.0.1:{team.port} is rejected" in line for line in lines), err
+    assert "no place" in lines[0] and "of another version" in lines[1], err
     sim.send_signal(signal.SIGTERM)
     ended(sim)
 

@@ -83,4 +83,38 @@ fn teammates_exchange_reports_over_udp_multicast() {
     }
     assert_eq!(received, [true; 2]);
     assert!(own_is_refused());
+    // Robots that were configured wrongly are named, each once.
+    let wrong = [
+        (
+            TeamLinkConfig {
+                key: Some("another phrase".to_owned()),
+                ..config(3)
+            },
+            "not under our key",
+        ),
+        (
+            TeamLinkConfig {
+                team: 2,
+                ..config(4)
+            },
+            "of another team",
+        ),
+        (config(1), "another robot sends under this robot's number"),
+    ];
+    for (config, reason) in wrong {
+        let feed = Feed::new();
+        let _other = TeamTransport::join(&feed, &config, 2, clock).expect("joined");
+        let mut notices = Vec::new();
+        let mut sent = 0;
+        // Some more after the first notice.
+        while (notices.is_empty() || sent < 50) && started.elapsed() < TIMEOUT {
+            feed.publish(&Arc::new(localized_cycle(clock(), 0.0, 0.0)));
+            std::thread::sleep(Duration::from_millis(5));
+            sent += 1;
+            notices.extend(links[0].take_notices());
+        }
+        assert_eq!(notices.len(), 1, "{notices:?}");
+        assert!(notices[0].contains(reason), "{notices:?}");
+        assert!(notices[0].contains("127.0.0.1:7072"), "{notices:?}");
+    }
 }

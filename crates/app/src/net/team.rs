@@ -5,19 +5,22 @@ use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use hw::StampedSocket;
 use localize::Stamp;
 use localize::team::TeamReport;
 use socket2::{Domain, Protocol, Socket, Type};
 
+use super::lock::lock;
 use super::polling::POLL_PERIOD;
+use super::rejection_notices::{self, RejectionNotices};
 use super::send_schedule::SendSchedule;
-use pipeline::datagram::{TeamClock, TeamLink, TeamLinkConfig};
+use super::sourced_socket::SourcedSocket;
+use pipeline::datagram::authentication::RejectReason;
+use pipeline::datagram::{TeamClock, TeamLink, TeamLinkConfig, TeamLinkCounts};
 use pipeline::feed::{Feed, RecvError, Subscription};
 
 /// Capacity of the queue of reports for the pipeline: a second of five team-mates.
@@ -73,12 +76,14 @@ impl TeamTransport {
             stop_requested: stop_requested.clone(),
             threads: Vec::new(),
         };
-        let mut receiver = StampedSocket::new(receiver.into())?;
+        let mut receiver = SourcedSocket::new(receiver.into(), POLL_PERIOD)?;
         let (receiving, stop, time) = (link.clone(), stop_requested.clone(), clock.clone());
         transport.spawn("team receive", move || {
+            let mut rejections = RejectionNotices::new();
             while !stop.load(Ordering::Relaxed) {
                 lock(&notices).extend(membership.renew());
-                receive(&mut receiver, &receiving, &queue, &time);
+                let notice = receive(&mut receiver, &receiving, &queue, &time, &mut rejections);
+                lock(&notices).extend(notice);
             }
         })?;
         let cycles = feed.subscribe(1);
@@ -118,8 +123,7 @@ impl TeamTransport {
     }
 
     /// Numbers of accepted messages and rejected datagrams.
-    #[cfg(test)]
-    pub(crate) fn counts(&self) -> pipeline::datagram::TeamLinkCounts {
+    pub(crate) fn counts(&self) -> TeamLinkCounts {
         lock(&self.link).counts().clone()
     }
 }
@@ -185,22 +189,31 @@ impl Membership {
     }
 }
 
-/// Receives one message, if one comes soon.
+/// Receives one message, if one comes soon. A message for the operator if it is the first of its sender that is rejected.
 fn receive(
-    socket: &mut StampedSocket,
+    socket: &mut SourcedSocket,
     link: &Mutex<TeamLink>,
     reports: &SyncSender<TeamReport>,
     clock: &impl Fn() -> Stamp,
-) {
+    rejections: &mut RejectionNotices<RejectReason>,
+) -> Option<String> {
     let mut datagram = [0; MAX_DATAGRAM_BYTES];
-    let Some(received) = socket.receive(&mut datagram, POLL_PERIOD) else {
-        return;
-    };
+    let received = socket.receive(&mut datagram)?;
     let age = hw::now() - received.arrival;
     let report = lock(link).receive(&datagram[..received.length], clock() + -age);
-    if let Ok(report) = report {
-        // If the pipeline does not take reports, new ones are dropped.
-        let _ = reports.try_send(report);
+    match report {
+        Ok(report) => {
+            // If the pipeline does not take reports, new ones are dropped.
+            let _ = reports.try_send(report);
+            None
+        }
+        // A radio repeats and reorders messages, and multicast returns our own.
+        Err(RejectReason::Own | RejectReason::Old) => None,
+        Err(reason) => {
+            let is_due = rejections.is_due(received.source, reason, received.arrival);
+            let name = rejection_notices::name(received.source);
+            is_due.then(|| format!("[team] a message of {name} is rejected: {reason}"))
+        }
     }
 }
 
@@ -236,9 +249,4 @@ impl TeamSender {
             let _ = self.socket.send_to(&message, self.group);
         }
     }
-}
-
-// Counts and clocks are valid even if a thread panicked with the lock.
-fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -12,13 +12,13 @@ use localize::team::TeamReport;
 use super::command_arbiter::{CommandArbiter, CommandError, CommandSource};
 use super::tuning::TuningHandle;
 use crate::net::commands::CommandCounts;
-use crate::net::{Network, NetworkConfig, RemoteCommand};
+use crate::net::{Network, NetworkConfig, RemoteCommand, TeamTransport};
 #[cfg(feature = "ros2")]
 use crate::ros2::{NodeContext, RosNode};
 use crate::stream::{StreamConfig, StreamPreamble};
 #[cfg(feature = "ros2")]
 use localize::Stamp;
-use pipeline::datagram::TeamClock;
+use pipeline::datagram::{TeamClock, TeamLinkCounts};
 use pipeline::feed::Feed;
 
 /// The network configuration in the robot's folder.
@@ -124,7 +124,7 @@ impl RunNetwork {
         self.network
             .team
             .iter()
-            .flat_map(crate::net::TeamTransport::received_reports)
+            .flat_map(TeamTransport::received_reports)
     }
 
     /// The clocks of the team-mates. None if there is no team.
@@ -133,6 +133,11 @@ impl RunNetwork {
             .team
             .as_ref()
             .map(|team| team.clocks(hw::now()))
+    }
+
+    /// Counts of team messages. None if there is no team.
+    pub(super) fn team_counts(&self) -> Option<TeamLinkCounts> {
+        self.network.team.as_ref().map(TeamTransport::counts)
     }
 
     /// Counts of remote commands. None if remote commands are not configured.

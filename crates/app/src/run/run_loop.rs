@@ -225,6 +225,7 @@ impl RunLoop {
         let wheels_stopped = self.arbiter.close(STOP_TIMEOUT);
         let commands = self.network.command_counts(self.arbiter.program_tally());
         let team = self.network.team_clocks();
+        let team_messages = self.network.team_counts();
         #[cfg(feature = "ros2")]
         let ros2 = self.network.node().map(RosNode::counts);
         stop.raise();
@@ -249,6 +250,7 @@ impl RunLoop {
             wheels_stopped,
             commands,
             team,
+            team_messages,
             #[cfg(feature = "ros2")]
             ros2,
             devices: health,

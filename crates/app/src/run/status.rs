@@ -17,7 +17,8 @@ use crate::net::commands::CommandCounts;
 #[cfg(feature = "ros2")]
 use crate::ros2::Ros2Counts;
 use pipeline::Cycle;
-use pipeline::datagram::TeamClock;
+use pipeline::datagram::authentication::RejectReason;
+use pipeline::datagram::{TeamClock, TeamLinkCounts};
 use pipeline::result_files::mode_name;
 
 /// Period of the status line on a terminal, seconds.
@@ -78,6 +79,8 @@ pub(crate) struct RunReport {
     pub commands: Option<CommandCounts>,
     /// Clocks of the team-mates, if there is a team.
     pub team: Option<Vec<TeamClock>>,
+    /// Counts of team messages, if there is a team.
+    pub team_messages: Option<TeamLinkCounts>,
     /// Counts of the node of ROS 2, if there is one.
     #[cfg(feature = "ros2")]
     pub ros2: Option<Ros2Counts>,
@@ -122,6 +125,8 @@ pub(crate) struct RunOutcome {
     pub commands: Option<CommandCounts>,
     /// Clocks of the team-mates, if there is a team.
     pub team: Option<Vec<TeamClock>>,
+    /// Counts of team messages, if there is a team.
+    pub team_messages: Option<TeamLinkCounts>,
     /// Counts of the node of ROS 2, if there is one.
     #[cfg(feature = "ros2")]
     pub ros2: Option<Ros2Counts>,
@@ -396,6 +401,7 @@ impl RunStatus {
             wheels_stopped: outcome.wheels_stopped,
             commands: outcome.commands,
             team: outcome.team,
+            team_messages: outcome.team_messages,
             #[cfg(feature = "ros2")]
             ros2: outcome.ros2,
             devices: outcome.devices,
@@ -470,6 +476,15 @@ impl RunReport {
             println!(
                 "remote commands: {} accepted, {} sent, {} confirmed by the base, {} overruled, {refused} rejected",
                 commands.accepted, commands.sent, commands.obeyed, commands.overruled
+            );
+        }
+        if let Some(messages) = &self.team_messages {
+            let refused = messages.refused.iter();
+            let refused = refused.filter(|(reason, _)| **reason != RejectReason::Own);
+            let refused: u64 = refused.map(|(_, count)| count).sum();
+            println!(
+                "team messages: {} received, {refused} rejected",
+                messages.received
             );
         }
         for file in self.log.iter().flat_map(|log| &log.files) {
