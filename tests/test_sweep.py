@@ -167,6 +167,25 @@ def test_bundled_run_holds_mask_and_labels(tmp_path: Path) -> None:
     assert {"scenario.toml", "robot.toml", "mask.png", "labels.csv", "image.png"} <= names
 
 
+def test_numpy_seeds_and_values_are_as_good_as_pythons(tmp_path: Path) -> None:
+    def runs(seeds: Any, speeds: Any, scales: Any, steps: Any) -> list[Run]:
+        change = {"path.speed": speeds, "wheels.radius_scale": scales}
+        return grid(SCENARIO, seeds=seeds, change=change, config={"localize.matching.steps_max": steps}, duration_s=0.5)
+
+    arrays = runs(np.arange(1, 3), np.linspace(1.0, 2.0, 2), [np.array([1.02, 1.0, 1.0])], np.array([20]))
+    lists = runs([1, 2], [1.0, 2.0], [[1.02, 1.0, 1.0]], [20])
+    assert [run.key for run in arrays] == [run.key for run in lists]
+    found = sweep(arrays[:1], folder=tmp_path, progress=False)
+    assert found["error"].isna().all() and found["asked_seed"].tolist() == [1]
+
+
+def test_failed_run_keeps_its_options_beside_the_error(tmp_path: Path) -> None:
+    runs = grid(SCENARIO, seeds=[7], presets=["nubot2013"], change={"path.speed": [-1.0]}, duration_s=0.5)
+    row = sweep(runs, folder=tmp_path, progress=False).iloc[0]
+    assert (row["scenario"], row["preset"], row["asked_seed"], row["path.speed"]) == ("tracks_18x12", "nubot2013", 7, -1.0)
+    assert "speed" in row["error"] and "/tmp" not in row["error"] and "mirrorball-" not in row["error"]
+
+
 def test_sweep_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["sweep_speeds.py", str(tmp_path), "1", "0.3"])
     cells = runpy.run_path(str(ROOT / "py/examples/sweep_speeds.py"))

@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar, Union
 
 import numpy as np
 
-__all__ = ["checked", "invalid", "require_columns"]
+__all__ = ["checked", "invalid", "plain", "require_columns"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -61,6 +61,17 @@ def invalid(name: str, value: Any, expected: str) -> str:
         shown = " ".join(repr(value).split())
         shown = shown if len(shown) <= SHOWN_MAX else shown[:SHOWN_MAX] + "…"
     return f"invalid {name}: {shown} (expected {expected})"
+
+
+def plain(value: Any) -> Any:
+    """Python's own numbers and lists in place of numpy's, also inside of lists, tuples and mappings."""
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    return value
 
 
 def require_count(name: str, value: int) -> None:

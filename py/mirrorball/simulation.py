@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball import _core
-from mirrorball.arguments import checked, invalid
+from mirrorball.arguments import checked, invalid, plain
 from mirrorball.estimates import Cycle
 from mirrorball.pipeline import Config, Pipeline
 from mirrorball.samples import ImageSample, Sample, TruthSample, sample_from_core
@@ -31,6 +31,9 @@ __all__ = ["Run", "Simulation", "Step", "bundle_run", "simulate"]
 def __dir__() -> list[str]:
     return __all__
 
+
+FOLDER_PREFIX = "mirrorball-"
+"""How the temporary folder of a run's files begins."""
 
 Numbers = Sequence[float] | NDArray[np.floating[Any]]
 
@@ -50,6 +53,10 @@ class Run:
     config: Mapping[str, Any] = field(default_factory=dict)
     """Values in place of the preset's, by dotted key: {"localize.matching.steps_max": 20}."""
     files: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("seed", "duration_s", "change", "config"):
+            object.__setattr__(self, name, plain(getattr(self, name)))
 
     @property
     def key(self) -> str:
@@ -109,7 +116,7 @@ def simulate(
         raise TypeError(f"invalid options: {', '.join(options)} (expected none with a Run). Put them into the Run")
     if not run.files:
         return _simulate(run, Path(run.scenario), record, images, progress)
-    with tempfile.TemporaryDirectory(prefix="mirrorball-") as folder:
+    with tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX) as folder:
         for name, content in run.files.items():
             path = Path(folder, name)
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,7 @@ import itertools
 import json
 import os
 import pickle
+import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
@@ -30,7 +31,7 @@ import pyarrow.parquet as pq
 from tqdm import tqdm
 
 from mirrorball.arguments import checked, invalid
-from mirrorball.simulation import Run, bundle_run, simulate
+from mirrorball.simulation import FOLDER_PREFIX, Run, bundle_run, simulate
 
 __all__ = ["grid", "sweep"]
 
@@ -41,6 +42,9 @@ def __dir__() -> list[str]:
 
 Task = Any
 Result = Mapping[str, Any]
+
+TEMPORARY_FOLDER = re.compile(rf"[^\s'\"]*{re.escape(FOLDER_PREFIX)}[^\s/'\"]+/")
+"""Where the files of a run lie while it is made."""
 
 FLUSH_PERIOD_S = 10.0
 """Longest time between two files of results, seconds."""
@@ -83,9 +87,20 @@ def run_row(run: Run) -> dict[str, Any]:
 
 
 def _simulation_row(run: Run, progress: Callable[[float], object] | None = None) -> dict[str, Any]:
+    return _options_row(run) | flat(simulate(run, progress=progress))
+
+
+def _options_row(run: Run) -> dict[str, Any]:
     row: dict[str, Any] = {"scenario": Path(run.scenario).stem, "preset": run.preset, "asked_seed": run.seed}
-    row |= {key: value for key, value in (*run.change.items(), *run.config.items())}
-    return row | flat(simulate(run, progress=progress))
+    return row | {key: value for key, value in (*run.change.items(), *run.config.items())}
+
+
+def _error_row(task: Task, error: BaseException) -> dict[str, Any]:
+    """Why a task failed; of a run also what it was. Its files' folder is gone by then and says nothing."""
+    text = f"{type(error).__name__}: {error}"
+    if not isinstance(task, Run):
+        return {"error": text}
+    return _options_row(task) | {"error": TEMPORARY_FOLDER.sub("", text)}
 
 
 def flat(result: Result, prefix: str = "") -> dict[str, Any]:
@@ -120,8 +135,9 @@ def sweep(
     Rows are kept in `folder` as they come (rows-*.parquet); tasks whose rows are there already are not run again, so
     that a sweep that was stopped goes on. The whole table is results.parquet. A task that fails is tried `retries` times
     more (not after a ValueError or a missing file: it would fail again); a task that fails finally is a row whose `error` says
-    why, and is tried anew the next time. `workers`: this machine's cores if None. `scheduler`: address of a Dask scheduler,
-    whose workers need this package with its extras `analysis` and `cluster`.
+    why, and is tried anew the next time. The row of a run keeps its scenario, preset, seed and changed values. `workers`: this
+    machine's cores if None. `scheduler`: address of a Dask scheduler, whose workers need this package with its extras
+    `analysis` and `cluster`.
 
     Functions other than the default must be importable by the workers (defined in a module).
     """
@@ -167,7 +183,7 @@ def _run_locally(function: Callable[[Task], Result], todo: dict[str, Task], work
                     elif failures < retries and not isinstance(error, ValueError | FileNotFoundError):
                         futures[pool.submit(function, todo[key])] = (key, failures + 1)
                     else:
-                        yield key, {"error": f"{type(error).__name__}: {error}"}
+                        yield key, _error_row(todo[key], error)
         except BaseException:
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
@@ -188,7 +204,7 @@ def _run_on_cluster(function: Callable[[Task], Result], todo: dict[str, Task], s
         futures = client.map(function, list(todo.values()), key=list(todo), retries=retries, pure=False)
         for future in finished(futures):
             error = future.exception()
-            yield future.key, future.result() if error is None else {"error": f"{type(error).__name__}: {error}"}
+            yield future.key, future.result() if error is None else _error_row(todo[future.key], error)
             future.release()
 
 

@@ -33,7 +33,7 @@ CYCLE_ELEMENTS = {
     "truth.ball[0]": "true_ball_x_m",
     "truth.ball[1]": "true_ball_y_m",
 }
-"""Single elements of a cycle's lists, and the columns that they become."""
+"""Single elements of a cycle's lists, and the columns that they become; `_mrad` is metre times radian."""
 
 CYCLE_COLUMNS = {
     **{re.sub(r"[.\[]", "_", element).rstrip("]"): name for element, name in CYCLE_ELEMENTS.items()},
