@@ -410,7 +410,10 @@ impl Pipeline {
             .detections
             .as_ref()
             .map(|detections| object_observations(detections, self.localizer.map_correction()));
-        let world = self.world.update(stamp, observations.as_ref(), estimate);
+        let motion = self.localizer.image_motion();
+        let world = self
+            .world
+            .update(stamp, observations.as_ref(), estimate, motion);
         let mut team = self.team.update(stamp, &world, estimate);
         // For the next image: this image's estimate is final already.
         self.localizer.add_half_log_odds(team.half_log_odds);

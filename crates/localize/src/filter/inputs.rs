@@ -1,5 +1,8 @@
 //! What the pose filters take in over an interval, and the tilt that they share with the matcher.
 
+use nalgebra::Matrix3;
+
+use crate::frames::{RobotFrame, Tf};
 use crate::omni::Twist;
 
 /// Input of a prediction: an interval between two samples.
@@ -61,6 +64,15 @@ impl TiltPrior {
     pub const STATE: TiltPrior = TiltPrior::FromState {
         unmeasured_std: 0.0,
     };
+}
+
+/// An estimated motion of the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotionEstimate {
+    /// The robot at the end, in its frame at the start.
+    pub motion: Tf<RobotFrame, RobotFrame>,
+    /// Of (x, y, θ), in the robot frame at the start: metres and radians.
+    pub covariance: Matrix3<f32>,
 }
 
 /// Tilt of the robot.

@@ -13,7 +13,9 @@ pub(crate) mod log_variance;
 mod pose_gaussian;
 
 pub use config::{FilterConfig, FilterKind};
-pub use inputs::{ImuInterval, PredictionInput, TiltEstimate, TiltPrior, WheelIncrement};
+pub use inputs::{
+    ImuInterval, MotionEstimate, PredictionInput, TiltEstimate, TiltPrior, WheelIncrement,
+};
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -181,6 +183,22 @@ impl PoseFilter {
     pub fn zero_velocity_update(&mut self, seconds: f32) {
         if let PoseFilter::Joint(joint) = self {
             joint.zero_velocity_update(seconds);
+        }
+    }
+
+    /// The motion of [`PoseFilter::image_motion`] begins anew: an image was processed.
+    pub fn begin_image_motion(&mut self) {
+        if let PoseFilter::Joint(joint) = self {
+            joint.begin_image_motion();
+        }
+    }
+
+    /// Motion since the last image by all sensors and by the images themselves. None for a new filter, and if the filter does not
+    /// know it.
+    pub fn image_motion(&self) -> Option<MotionEstimate> {
+        match self {
+            PoseFilter::Joint(joint) => joint.image_motion(),
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => None,
         }
     }
 

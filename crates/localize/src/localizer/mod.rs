@@ -62,6 +62,7 @@ use fit_monitor::{FitMarkings, FitMonitor};
 use gyro_conflict::GyroConflict;
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
+pub use own_motion::ImageMotion;
 use own_motion::OwnMotion;
 use repeated_pose_error::RepeatedPoseError;
 use state::{GlobalCheck, State};
@@ -125,6 +126,9 @@ pub struct Localizer {
     buffered: Vec<MotionMeasurement>,
     /// For late measurements.
     own_motion: OwnMotion,
+    /// Stamp of the last image that was used: the filters' motions begin there.
+    last_image: Option<Stamp>,
+    image_motion: Option<ImageMotion>,
     /// Time to which the particles of the global search are predicted.
     particles_stamp: Stamp,
     last_odometry: Option<LastOdometry>,
@@ -263,6 +267,8 @@ impl Localizer {
             snapshot: None,
             buffered: Vec::new(),
             own_motion: OwnMotion::default(),
+            last_image: None,
+            image_motion: None,
             config,
         };
         localizer.set_map_basis(None);
@@ -352,6 +358,7 @@ impl Localizer {
             .copied()
             .collect();
         let exposed = stamp + -f64::from(self.latency());
+        self.image_motion = None;
         if let Some((goals_stamp, _)) = &mut self.pending_goals
             && *goals_stamp == stamp
         {
@@ -407,6 +414,7 @@ impl Localizer {
                 *value += mean;
             }
         }
+        self.take_image_motion(stamp);
         self.take_snapshot();
         let at_exposure = self.state.best_filter().map(PoseFilter::covariance);
         for measurement in later {
@@ -427,6 +435,23 @@ impl Localizer {
             estimate.mark_setup_doubtful(&self.uniform_covariance);
         }
         estimate
+    }
+
+    /// Motion from the image before to the last one. None unless one pose was followed from one to the other.
+    pub fn image_motion(&self) -> Option<&ImageMotion> {
+        self.image_motion.as_ref()
+    }
+
+    /// At the end of an image: the motion to it, and the begin of the next one.
+    fn take_image_motion(&mut self, stamp: Stamp) {
+        let before = self.last_image.replace(stamp);
+        let estimate = self.state.best_filter().and_then(PoseFilter::image_motion);
+        self.image_motion = before.zip(estimate).map(|(from, estimate)| ImageMotion {
+            from,
+            to: stamp,
+            estimate,
+        });
+        self.state.for_each_filter(PoseFilter::begin_image_motion);
     }
 
     /// Adds the errors of the map that filtering does not average away.

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use crate::filter::MotionEstimate;
 use crate::frames::{RobotFrame, Tf};
 use crate::math;
 use crate::omni::Twist;
@@ -11,6 +12,17 @@ use crate::stamp::Stamp;
 const IMAGES_MAX: usize = 32;
 /// Longest time between two images over which the velocity is interpolated, and for which it is extrapolated, seconds.
 const GAP_MAX: f64 = 0.15;
+
+/// Motion of the robot between two images, by everything that localization knows of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImageMotion {
+    /// Stamp of the earlier image.
+    pub from: Stamp,
+    /// Stamp of the later image.
+    pub to: Stamp,
+    /// The robot's motion between both exposures.
+    pub estimate: MotionEstimate,
+}
 
 /// Velocity at the last images. Corrections of the pose do not show in it.
 #[derive(Debug, Clone, Default)]

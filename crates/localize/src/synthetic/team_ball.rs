@@ -320,7 +320,9 @@ impl ExperimentRobot {
             robots: Vec::new(),
         };
         let estimate = estimate(stamp, estimated);
-        let world = self.world.update(stamp, Some(&observation), &estimate);
+        let world = self
+            .world
+            .update(stamp, Some(&observation), &estimate, None);
         (world, estimate)
     }
 }

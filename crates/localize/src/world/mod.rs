@@ -1,7 +1,8 @@
 //! World model: tracks of the ball and of robots, from each image's detections and the pose.
 //!
 //! Objects are tracked in the odometry frame, which is continuous when the pose is corrected or lost: driving to the
-//! ball needs no position on the field. Field coordinates follow from the pose and include its covariance. Stamps are
+//! ball needs no position on the field. The robot moves in it as localization found by all sensors, so that slipping wheels
+//! move no object. Field coordinates follow from the pose and include its covariance. Stamps are
 //! arguments, and equal inputs give equal bits.
 
 mod airborne;
@@ -12,7 +13,7 @@ mod odometry_buffer;
 mod tests;
 mod track;
 
-use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2};
+use nalgebra::{Matrix2, Matrix3, Matrix4, SMatrix, Vector2, Vector3};
 
 pub use airborne::{AirborneState, BallInAir, BallSighting};
 pub use config::{ObjectTrackConfig, WorldConfig};
@@ -25,6 +26,7 @@ use track::ObjectTrack;
 
 use crate::estimate::Estimate;
 use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf};
+use crate::localizer::ImageMotion;
 use crate::math;
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
@@ -75,6 +77,9 @@ pub struct WorldView {
     pub ball_sighting: Option<BallSighting>,
 }
 
+/// Standard deviation of the wheels while no pose is known, as a multiple of the usual one: nothing then notices that they slip.
+const LOST_ODOMETRY_FACTOR: f32 = 3.0;
+
 /// Tracks objects from image to image.
 #[derive(Debug, Clone)]
 pub struct WorldModel {
@@ -117,16 +122,17 @@ impl WorldModel {
     }
 
     /// Updates the tracks with an image's detections. `observation` is None if the image was not processed: tracks are
-    /// then only predicted, and not counted as missed.
+    /// then only predicted, and not counted as missed. `motion` is that of [`crate::Localizer::image_motion`]; without it
+    /// the wheels move the robot.
     pub fn update(
         &mut self,
         stamp: Stamp,
         observation: Option<&WorldObservation>,
         estimate: &Estimate,
+        motion: Option<&ImageMotion>,
     ) -> WorldView {
         let pose = estimate.pose;
-        let Some(odometry_from_robot) = self.predict(stamp, pose, estimate.odometry_correction)
-        else {
+        let Some(odometry_from_robot) = self.predict(stamp, estimate, motion) else {
             // An image older than the last one is ignored.
             return WorldView::default();
         };
@@ -172,9 +178,10 @@ impl WorldModel {
     fn predict(
         &mut self,
         stamp: Stamp,
-        pose: Option<Pose>,
-        correction: [[f32; 3]; 3],
+        estimate: &Estimate,
+        motion: Option<&ImageMotion>,
     ) -> Option<Tf<OdometryFrame, RobotFrame>> {
+        let pose = estimate.pose;
         let gap = match self.last {
             Some(last) => last.stamp.seconds_until(stamp) as f32,
             None => 0.0,
@@ -193,37 +200,65 @@ impl WorldModel {
         let pose_increment = last_pose
             .zip(pose)
             .map(|(last, pose)| last.inverse() * pose);
-        let is_motion_known = self.motion.advance_to(stamp, pose_increment, correction);
+        let correction = estimate.odometry_correction;
+        let mut is_motion_known = self.motion.advance_to(stamp, pose_increment, correction);
+        // One that began at another image is not the motion since the last one here.
+        let motion = motion.filter(|motion| {
+            motion.to == stamp && self.last.is_some_and(|last| last.stamp == motion.from)
+        });
+        let covariance = if let Some(ImageMotion { estimate, .. }) = motion {
+            self.motion.set_pose_at_image(before * estimate.motion);
+            is_motion_known = true;
+            estimate.covariance
+        } else {
+            let step = before.inverse() * self.motion.pose_at_image();
+            let is_lost = pose.is_none();
+            self.wheel_motion_covariance(step, is_lost, is_motion_known, gap)
+        };
         self.last = Some(LastImage { stamp, pose });
         if !is_motion_known {
             // A path in a frame that jumps is none.
             self.airborne.reset();
         }
+        // In the axes of the odometry frame.
+        let mut turn = Matrix3::identity();
+        turn.fixed_view_mut::<2, 2>(0, 0)
+            .copy_from(&rotation(before.theta));
+        let covariance = turn * covariance * turn.transpose();
+        let robot = self.motion.pose_at_image();
         let config = &self.config;
-        // Without odometry and poses the robot may have driven in any direction.
-        let unknown_distance = if is_motion_known {
-            0.0
-        } else {
-            config.own_speed_max * gap
-        };
-        let step: Tf<RobotFrame, RobotFrame> = before.inverse() * self.motion.pose_at_image();
-        let at = self.motion.pose_at_image().origin();
         for (tracks, object) in [
             (&mut self.balls, &config.ball),
             (&mut self.robots, &config.robots),
         ] {
             for track in tracks {
                 track.predict(gap, object);
-                let translation_std = config.odometry_std * (step.origin().distance());
-                let rotation_std = config.odometry_std * step.theta * track.at().distance_to(at);
-                track.add_position_noise(
-                    unknown_distance * unknown_distance
-                        + translation_std * translation_std
-                        + rotation_std * rotation_std,
-                );
+                track.add_motion_noise(robot.origin(), &covariance);
             }
         }
-        Some(self.motion.pose_at_image())
+        Some(robot)
+    }
+
+    /// Covariance (x, y, θ) of a motion by the wheels alone, or of an unknown one.
+    fn wheel_motion_covariance(
+        &self,
+        step: Tf<RobotFrame, RobotFrame>,
+        is_lost: bool,
+        is_known: bool,
+        seconds: f32,
+    ) -> Matrix3<f32> {
+        let config = &self.config;
+        let share = config.odometry_std * if is_lost { LOST_ODOMETRY_FACTOR } else { 1.0 };
+        let translation = share * step.origin().distance();
+        // Without odometry and poses the robot may have driven in any direction.
+        let unknown = if is_known {
+            0.0
+        } else {
+            config.own_speed_max * seconds
+        };
+        let position = translation * translation + unknown * unknown;
+        let rotation = (share * step.theta).powi(2);
+        Matrix3::from_diagonal(&Vector3::new(position, position, rotation))
     }
 
     /// The direction of the ball in an image, and its flight if it is in the air.
@@ -450,7 +485,7 @@ fn most_probable<'a>(
 /// From the odometry frame to the robot and the field.
 struct OutputTransform {
     robot_from_odometry: Tf<RobotFrame, OdometryFrame>,
-    pose: Option<(Pose, nalgebra::Matrix3<f32>)>,
+    pose: Option<(Pose, Matrix3<f32>)>,
 }
 
 impl OutputTransform {

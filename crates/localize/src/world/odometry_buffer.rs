@@ -97,6 +97,11 @@ impl OdometryBuffer {
         self.pose_at_image
     }
 
+    /// Replaces the integrated pose at the newest image by one that is known better.
+    pub(super) fn set_pose_at_image(&mut self, pose: OdometryPose) {
+        self.pose_at_image = pose;
+    }
+
     /// Integrates the motion up to an image at `stamp`; false if the motion is unknown.
     ///
     /// `pose_increment`: the motion between the images' poses, for a robot without odometry. `correction`: matrix

@@ -6,7 +6,9 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{ObjectObservation, TeamColour, WorldConfig, WorldModel, WorldObservation, WorldView};
 use crate::estimate::Estimate;
-use crate::frames::{At, FieldFrame, Pose, RobotFrame};
+use crate::filter::MotionEstimate;
+use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf};
+use crate::localizer::ImageMotion;
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
 
@@ -94,7 +96,7 @@ impl TrackingScene {
         };
         let pose = located.then(|| self.pose());
         self.model
-            .update(stamp, Some(&observation), &estimate(stamp, pose))
+            .update(stamp, Some(&observation), &estimate(stamp, pose), None)
     }
 }
 
@@ -272,7 +274,7 @@ fn single_false_alarm_and_non_finite_observations_give_no_object() {
     };
     for frame in 0..10 {
         let stamp = Stamp::from_seconds(f64::from(frame) * FRAME);
-        let world = model.update(stamp, Some(&observation), &estimate(stamp, None));
+        let world = model.update(stamp, Some(&observation), &estimate(stamp, None), None);
         assert_eq!(world, WorldView::default());
     }
 }
@@ -290,11 +292,73 @@ fn pose_differences_replace_missing_odometry() {
             robots: vec![scene.observe(robot)],
         };
         let pose = scene.pose();
-        world = scene
-            .model
-            .update(stamp, Some(&observation), &estimate(stamp, Some(pose)));
+        world = scene.model.update(
+            stamp,
+            Some(&observation),
+            &estimate(stamp, Some(pose)),
+            None,
+        );
     }
     let found = world.robots[0].on_field.expect("on the field");
     assert!(found.at.distance_to(robot) < 0.15);
     assert!(f32::hypot(found.velocity[0], found.velocity[1]) < 0.6);
+}
+
+#[test]
+fn slipping_wheels_move_no_object_if_localization_knows_the_motion() {
+    let mut scene = TrackingScene::new(7);
+    let ball = At::new(0.5, 0.5);
+    let mut world = WorldView::default();
+    let covariance = Matrix3::from_diagonal_element(1e-6);
+    for frame in 0..60 {
+        let (before, from) = (scene.pose(), scene.stamp());
+        scene.frame += 1;
+        let moved = before.inverse() * scene.pose();
+        let to = scene.stamp();
+        // From the twentieth image on the wheels report three times the motion.
+        let slip = if frame < 20 { 1.0 } else { 3.0 };
+        scene.model.add_odometry(&Odometry {
+            stamp: to,
+            dx: slip * moved.x,
+            dy: slip * moved.y,
+            dtheta: slip * moved.theta,
+            slip: 0.0,
+        });
+        let observation = WorldObservation {
+            ball: Some(scene.observe(ball)),
+            robots: Vec::new(),
+        };
+        let motion = ImageMotion {
+            from,
+            to,
+            estimate: MotionEstimate {
+                motion: moved,
+                covariance,
+            },
+        };
+        let pose = scene.pose();
+        let estimate = estimate(to, Some(pose));
+        world = (scene.model).update(to, Some(&observation), &estimate, Some(&motion));
+        if frame > 25 {
+            let found = world.ball.expect("a ball").on_field.expect("on the field");
+            let speed = f32::hypot(found.velocity[0], found.velocity[1]);
+            assert!(speed < 0.8, "{speed} m/s in image {frame}");
+            assert!(found.at.distance_to(ball) < 0.15, "{:?}", found.at);
+        }
+    }
+    // A motion that began at another image is not used: the wheels' is.
+    let at = world.ball.expect("a ball").at;
+    scene.frame += 1;
+    let stamp = scene.stamp();
+    let motion = ImageMotion {
+        from: Stamp(1),
+        to: stamp,
+        estimate: MotionEstimate {
+            motion: Tf::new(5.0, 0.0, 0.0),
+            covariance,
+        },
+    };
+    let estimate = estimate(stamp, Some(scene.pose()));
+    let world = (scene.model).update(stamp, None, &estimate, Some(&motion));
+    assert!(world.ball.expect("a ball").at.distance_to(at) < 0.5);
 }

@@ -1,6 +1,6 @@
 //! One tracked object: a Kalman filter of position and velocity, and a probability of existence (docs/methods.md 11.2).
 
-use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix3, Matrix4, Matrix4x3, Vector2, Vector4};
 
 use super::config::ObjectTrackConfig;
 use super::observation::{Measurement, OdometryFrame, TeamColour};
@@ -97,10 +97,25 @@ impl ObjectTrack {
         }
     }
 
-    /// Adds a variance (m²) to the position: the error of the robot's own motion.
-    pub(super) fn add_position_noise(&mut self, variance: f32) {
-        self.covariance[(0, 0)] += variance;
-        self.covariance[(1, 1)] += variance;
+    /// Adds the error of the robot's own motion, which ended at `robot`: its `covariance` (x, y, θ) in the axes of the odometry
+    /// frame. A turn moves what is far, and turns velocities.
+    pub(super) fn add_motion_noise(&mut self, robot: At<OdometryFrame>, covariance: &Matrix3<f32>) {
+        let (x, y) = (self.state.x - robot.x, self.state.y - robot.y);
+        let jacobian = Matrix4x3::new(
+            1.0,
+            0.0,
+            -y,
+            0.0,
+            1.0,
+            x,
+            0.0,
+            0.0,
+            -self.state.w,
+            0.0,
+            0.0,
+            self.state.z,
+        );
+        self.covariance += jacobian * covariance * jacobian.transpose();
     }
 
     /// The squared Mahalanobis distance of a measurement; infinite if the innovation covariance is singular.

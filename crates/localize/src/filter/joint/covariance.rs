@@ -30,6 +30,9 @@ impl JointFilter {
         if let Some(errors) = &mut self.mate_errors {
             errors.propagate(rows);
         }
+        if let Some(clone) = &mut self.image_clone {
+            clone.propagate(rows);
+        }
     }
 
     /// P ← P + v vᵀ · `variance`.
@@ -72,6 +75,9 @@ impl JointFilter {
         let normalized = innovation / innovation_variance;
         if let Some(errors) = &mut self.mate_errors {
             errors.update_scalar(jacobian, &cross, innovation_variance);
+        }
+        if let Some(clone) = &mut self.image_clone {
+            clone.update_scalar(jacobian, &cross, innovation, innovation_variance);
         }
         for (value, cross) in self.state.iter_mut().zip(&cross) {
             *value += cross * normalized;

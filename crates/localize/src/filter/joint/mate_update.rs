@@ -99,6 +99,7 @@ impl JointFilter {
         if config.camera_latency_std == 0.0 {
             self.state[LATENCY] = config.camera_latency;
         }
+        self.follow_correction(self.pose().difference(pose).into());
         // What it corrected was not the wheels' noise alone.
         self.wheel_noise = self.wheel_noise.without_derivatives();
     }
@@ -109,7 +110,7 @@ impl JointFilter {
             .into_iter()
             .enumerate()
         {
-            self.inflate_variance(POSE + axis, std * std);
+            self.add_common_error(axis, std * std);
         }
     }
 

@@ -13,15 +13,18 @@
 //! | `zero_velocity_update` | h, H, R at rest | 8.6 |
 //! | `pose_update` | H and gain of a matched image | 8.7 |
 //! | `mate_errors` | h, H, R of sightings between team-mates | 12.5 |
+//! | `image_motion`, `pose_clone` | motion since the last image | 8.14 |
 //! | `covariance` | sparse kernels of these equations | |
 //!
 //! Tilt, accelerometer bias and mount are separate states, since an accelerometer measures gravity through each of them.
 //! The increment since the last wheel sample is a clone of the motion, so an image may fall between two wheel samples.
 
 mod covariance;
+mod image_motion;
 mod mate_errors;
 mod mate_update;
 mod odometry_correction;
+mod pose_clone;
 mod pose_update;
 mod predict;
 mod process_noise;
@@ -44,6 +47,7 @@ use crate::sensors::collision::CollisionDetector;
 use mate_errors::MateErrors;
 pub use mate_errors::{ERRORS_PER_MATE, MateInnovation, MateMeasurement};
 pub use odometry_correction::OdometryPrior;
+use pose_clone::PoseClone;
 use state::{
     ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, POSE, ROW_STRIDE,
     STATES, State, TILT, TWIST, YAW_RATE,
@@ -73,6 +77,8 @@ pub struct JointFilter {
     smoothed_velocity: [f32; 3],
     /// Errors of team-mates that corrected the pose lately.
     mate_errors: Option<Box<MateErrors>>,
+    /// The pose at the last image. None for a new filter.
+    image_clone: Option<PoseClone>,
 }
 
 impl JointFilter {
@@ -146,6 +152,7 @@ impl JointFilter {
             turning_steps,
             smoothed_velocity: [0.0; 3],
             mate_errors: None,
+            image_clone: None,
         }
     }
 
@@ -217,12 +224,17 @@ impl JointFilter {
         if let Some(errors) = &mut self.mate_errors {
             errors.decorrelate_pose();
         }
+        if let Some(clone) = &mut self.image_clone {
+            clone.decorrelate_other_states();
+        }
         self.doubt_twist();
     }
 
     /// Adds errors of an unreported motion to the pose, metres and radians.
     pub(super) fn admit_motion(&mut self, distance: f32, turn: f32) {
-        self.doubt_pose(distance, turn);
+        for (axis, std) in [distance, distance, turn].into_iter().enumerate() {
+            self.inflate_variance(POSE + axis, std * std);
+        }
         self.doubt_twist();
     }
 
@@ -241,6 +253,9 @@ impl JointFilter {
             *value += step;
         }
         self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
+        if let Some(clone) = &mut self.image_clone {
+            clone.shift([step[0], step[1], step[2]]);
+        }
         if self.imu_active {
             for k in 0..2 {
                 self.state[IMU_MOUNT + k] -= step[3 + k];
@@ -253,6 +268,7 @@ impl JointFilter {
         let mut turned = self.clone();
         // The mates located the pose in the other half.
         turned.mate_errors = None;
+        turned.image_clone = None;
         turned.interrupt_steps();
         turned.state[0] = -self.state[0];
         turned.state[1] = -self.state[1];

@@ -98,12 +98,14 @@ impl JointFilter {
         let [a, b] = posterior.tilt;
         let innovation = Vector5::from([x, y, theta, a, b]);
         self.update_wheel_noise(&information, &innovation, posterior);
-        if self.mate_errors.is_some() {
-            let rows = self.pose_rows(tilt_prior);
-            if let Some(errors) = &mut self.mate_errors {
-                let posterior = &posterior.covariance;
-                errors.update_by_image(&rows, &cross, &information, posterior);
-            }
+        let rows = self.pose_rows(tilt_prior);
+        if let Some(errors) = &mut self.mate_errors {
+            let posterior = &posterior.covariance;
+            errors.update_by_image(&rows, &cross, &information, posterior);
+        }
+        if let Some(clone) = &mut self.image_clone {
+            let reduction = predicted - posterior.covariance;
+            clone.update_by_image(&rows, &information, &innovation, &reduction, &gain);
         }
         let step = gain * innovation;
         for (value, step) in self.state.iter_mut().zip(step.iter()) {

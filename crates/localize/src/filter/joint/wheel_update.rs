@@ -205,5 +205,8 @@ impl JointFilter {
         if let Some(errors) = &mut self.mate_errors {
             errors.restart_wheels();
         }
+        if let Some(clone) = &mut self.image_clone {
+            clone.restart_wheels();
+        }
     }
 }

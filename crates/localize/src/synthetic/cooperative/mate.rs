@@ -155,7 +155,9 @@ impl Mate {
         let covariance = Matrix3::from_diagonal(&variances);
         let estimate = Estimate::tracked(stamp, believed, covariance);
         let observation = self.mirror.see(truth, others, rng);
-        let world = self.world.update(stamp, Some(&observation), &estimate);
+        let world = self
+            .world
+            .update(stamp, Some(&observation), &estimate, None);
         let obstacles = world.robots.iter().filter_map(|robot| {
             let on_field = robot.on_field?;
             let p = on_field.covariance;

@@ -176,7 +176,8 @@ impl Team {
         if !trial.sees_robots {
             observation.robots.clear();
         }
-        let world = self.world.update(stamp, Some(&observation), &estimate);
+        let motion = self.localizer.image_motion();
+        let world = (self.world).update(stamp, Some(&observation), &estimate, motion);
         self.team.update(stamp, &world, &estimate);
         let sightings = self.team.take_sightings(&estimate);
         let outcomes = self
