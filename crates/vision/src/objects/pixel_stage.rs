@@ -21,7 +21,7 @@ use crate::objects::obstacle_candidates::{ObstacleCandidate, ObstacleGrid, is_sa
 use crate::objects::obstacle_edges::{measure_width, refine_foot};
 use crate::objects::patch::obstacle_row_step;
 use crate::objects::rejection::{ObjectRejection, RejectedObject};
-use crate::objects::robots::{ObstacleKind, RobotDetection};
+use crate::objects::robots::{ObstacleKind, PERSON_RADIUS, PERSON_RADIUS_STD, RobotDetection};
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::ground_map::GroundMap;
 
@@ -37,8 +37,6 @@ const FOOT_PROBABILITY_MIN: f32 = 0.9;
 const PROBABILITY_BEFORE_FIT: f32 = 0.3;
 /// Detections nearer than this are one ball, ball radii.
 const BALL_SEPARATION: f32 = 1.5;
-/// Distance of a person's centre behind the nearest foot, metres.
-const PERSON_RADIUS: f32 = 0.15;
 /// Rows above the foot and columns (metres) in which a team marker is sought, and its fewest samples.
 const MARKER_ROWS: usize = 14;
 const MARKER_COLUMNS: [f32; 5] = [-0.14, -0.07, 0.0, 0.07, 0.14];
@@ -295,7 +293,7 @@ impl PixelStage {
                 continue;
             }
             if robot.marker.is_none() && candidate.person > candidate.robot.max(0.5) {
-                robot.kind = ObstacleKind::Person;
+                robot.become_person();
             }
             known.push(candidate);
             obstacles.push(robot);
@@ -345,6 +343,10 @@ impl PixelStage {
         let middle = range + radius;
         let row = self.angles.ground_angle(range) + obstacle_row_step(range, self.angles.height);
         let along = 0.05 + 0.3 * (self.angles.ground_range(row) - range).min(range);
+        let along = match kind {
+            ObstacleKind::Person => math::hypot(along, PERSON_RADIUS_STD),
+            ObstacleKind::Robot => along,
+        };
         let across = 0.08 + 0.02 * range;
         Some(RobotDetection {
             at: At::new(middle * ex, middle * ey),

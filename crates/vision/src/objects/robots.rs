@@ -32,7 +32,7 @@ pub enum ObstacleKind {
 /// A robot or a person.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotDetection {
-    /// Its centre, metres: `robot_radius` behind its nearest edge.
+    /// Its centre, metres: `robot_radius` behind its nearest edge, of a person [`PERSON_RADIUS`].
     pub at: At<RobotFrame>,
     /// Its nearest ground contact, metres.
     pub edge: At<RobotFrame>,
@@ -51,6 +51,11 @@ pub struct RobotDetection {
     pub kind: ObstacleKind,
 }
 
+/// Distance of a person's centre behind the nearest foot, metres, and its standard deviation: half a shoe from the side, the
+/// heel of one who walks away, the toes of one who comes.
+pub(crate) const PERSON_RADIUS: f32 = 0.15;
+pub(crate) const PERSON_RADIUS_STD: f32 = 0.06;
+
 /// Largest measured width of a ball, its radii: its edges are found in steps.
 const WIDTH_OF_BALL_MAX: f32 = 3.0;
 
@@ -61,6 +66,20 @@ impl RobotDetection {
             && ball.score >= self.score
             && self.width < WIDTH_OF_BALL_MAX * radius
             && self.edge.distance_to(ball.at) < 2.0 * radius
+    }
+
+    /// What was found as a robot is a person: its centre is nearer to its foot.
+    pub(crate) fn become_person(&mut self) {
+        let length = self.at.distance().max(f32::MIN_POSITIVE);
+        let [x, y] = [self.at.x / length, self.at.y / length];
+        let middle = self.edge.distance() + PERSON_RADIUS;
+        self.at = At::new(middle * x, middle * y);
+        let variance = PERSON_RADIUS_STD * PERSON_RADIUS_STD;
+        let [xx, xy, yy] = &mut self.covariance;
+        *xx += variance * x * x;
+        *xy += variance * x * y;
+        *yy += variance * y * y;
+        self.kind = ObstacleKind::Person;
     }
 
     /// True if the foot of another one is behind this robot, where the ground cannot be seen. People have legs.
@@ -302,4 +321,29 @@ fn build_robot(
         position_px: contact.position_px,
         kind: ObstacleKind::Robot,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn centre_of_a_person_is_a_persons_radius_behind_its_foot() {
+        let mut found = RobotDetection {
+            at: At::new(0.0, 1.75),
+            edge: At::new(0.0, 1.5),
+            covariance: [0.0025, 0.0, 0.0036],
+            width: 0.3,
+            marker: None,
+            score: 0.9,
+            position_px: [0.0; 2],
+            kind: ObstacleKind::Robot,
+        };
+        found.become_person();
+        assert_eq!(found.kind, ObstacleKind::Person);
+        assert!((found.at.y - 1.5 - PERSON_RADIUS).abs() < 1e-5 && found.at.x.abs() < 1e-6);
+        let [across, mixed, along] = found.covariance;
+        assert!((across - 0.0025).abs() < 1e-6 && mixed.abs() < 1e-6);
+        assert!((along - 0.0036 - PERSON_RADIUS_STD * PERSON_RADIUS_STD).abs() < 1e-6);
+    }
 }
