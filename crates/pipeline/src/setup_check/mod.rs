@@ -411,8 +411,9 @@ fn find_image_age(
     image_age::find(recording, measured, &explanation, &wheels, latency.into())
 }
 
-/// A latency that differs from the configured one. A delay passes for a camera turned by degrees, which delays no turn of the robot. Any
-/// other mistake contradicts the wheels' steps, too. A latency that is estimated while driving needs no edit.
+/// A latency that differs from the configured one. A delay passes for a camera turned by degrees, which delays no turn of the robot, and
+/// where the robot hardly changes its speed for other wheels, beside which it is fitted. Any other mistake contradicts the wheels' steps,
+/// too. A latency that is estimated while driving needs no edit.
 fn find_latency(
     setup: &Setup,
     config: &PipelineConfig,
@@ -420,7 +421,8 @@ fn find_latency(
     assessment: &Assessment,
 ) -> Option<OtherLatency> {
     let filter = &config.localize.filter;
-    let is_other = |change: &Change| !matches!(change, Change::CameraTurn(_));
+    let is_other =
+        |change: &Change| !matches!(change, Change::CameraTurn(_) | Change::WheelMatrix(_));
     if filter.camera_latency_std != 0.0 || assessment.has_edit(is_other) {
         return None;
     }
