@@ -1,13 +1,14 @@
 //! When did a datagram arrive? The kernel's receive stamp tells, however late a thread reads the socket.
 
 use std::io::Error;
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, AsRawFd};
 use std::time::Duration;
 
 use localize::Stamp;
 use rustix::event::PollFlags;
 use rustix::time::{ClockId, clock_gettime};
+use socket2::SockAddr;
 
 use crate::clock;
 use crate::serial::wait_ready;
@@ -38,6 +39,16 @@ pub struct ReceivedDatagram {
     pub length: usize,
     /// Time of arrival at this machine, CLOCK_MONOTONIC.
     pub arrival: Stamp,
+    /// Address of the sender.
+    pub source: Option<SocketAddr>,
+}
+
+/// What the kernel says of a datagram.
+struct Datagram {
+    length: usize,
+    /// Its stamp, CLOCK_REALTIME, nanoseconds.
+    stamp_ns: Option<i64>,
+    source: Option<SocketAddr>,
 }
 
 impl StampedSocket {
@@ -69,9 +80,14 @@ impl StampedSocket {
         loop {
             let before = clock::now();
             match receive_with_stamp(&self.socket, buffer) {
-                Ok((length, realtime_ns)) => {
-                    let arrival = self.arrival(realtime_ns, realtime_offset_ns(), clock::now());
-                    return Some(ReceivedDatagram { length, arrival });
+                Ok(datagram) => {
+                    let arrival =
+                        self.arrival(datagram.stamp_ns, realtime_offset_ns(), clock::now());
+                    return Some(ReceivedDatagram {
+                        length: datagram.length,
+                        arrival,
+                        source: datagram.source,
+                    });
                 }
                 Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => {
                     self.last_empty = before;
@@ -138,12 +154,9 @@ fn enable_receive_stamps(socket: &UdpSocket) -> Result<(), Error> {
     }
 }
 
-/// Reads a datagram without waiting: its length in the buffer and the kernel's stamp, CLOCK_REALTIME, nanoseconds.
+/// Reads a datagram without waiting.
 #[expect(unsafe_code, reason = "neither std nor rustix reads SCM_TIMESTAMPNS")]
-fn receive_with_stamp(
-    socket: &UdpSocket,
-    buffer: &mut [u8],
-) -> Result<(usize, Option<i64>), Error> {
+fn receive_with_stamp(socket: &UdpSocket, buffer: &mut [u8]) -> Result<Datagram, Error> {
     // Aligned as control messages must be; one message of 32 bytes is expected.
     let mut control = [0_u64; 16];
     let mut part = libc::iovec {
@@ -157,11 +170,20 @@ fn receive_with_stamp(
     message.msg_control = control.as_mut_ptr().cast();
     message.msg_controllen = size_of_val(&control);
     let flags = libc::MSG_DONTWAIT;
-    // SAFETY: the message refers to a buffer and a control buffer of the given lengths, which outlive the call.
-    let length = unsafe { libc::recvmsg(socket.as_raw_fd(), &raw mut message, flags) };
-    if length < 0 {
-        return Err(Error::last_os_error());
-    }
+    // SAFETY: the message refers to a buffer, a control buffer and a name of the given lengths, which outlive the call. The kernel
+    // fills the name up to the length that it returns.
+    let (length, source) = unsafe {
+        SockAddr::try_init(|name, name_length| {
+            message.msg_name = name.cast();
+            message.msg_namelen = *name_length;
+            let length = libc::recvmsg(socket.as_raw_fd(), &raw mut message, flags);
+            *name_length = message.msg_namelen;
+            match length {
+                ..0 => Err(Error::last_os_error()),
+                length => Ok(length as usize),
+            }
+        })
+    }?;
     let mut stamp_ns = None;
     // SAFETY: the kernel has filled the control buffer and its length; the macros stay within them. The payload of
     // SCM_TIMESTAMPNS is a timespec, read without assuming its alignment.
@@ -179,7 +201,11 @@ fn receive_with_stamp(
             header = libc::CMSG_NXTHDR(&raw const message, header);
         }
     }
-    Ok((length as usize, stamp_ns))
+    Ok(Datagram {
+        length,
+        stamp_ns,
+        source: source.as_socket(),
+    })
 }
 
 #[cfg(test)]
@@ -238,6 +264,25 @@ mod tests {
             .expect("a datagram");
         assert!(second.arrival - between > -tolerance && second.arrival < read);
         assert_eq!(socket.receive(&mut buffer, Duration::ZERO), None);
+    }
+
+    #[test]
+    fn datagrams_carry_the_addresses_of_their_senders() {
+        let receiver = UdpSocket::bind("127.0.0.1:0").expect("a socket");
+        let address = receiver.local_addr().expect("an address");
+        let mut receiver = StampedSocket::new(receiver).expect("stamps");
+        let senders = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").expect("a socket"));
+        for (sender, text) in senders.iter().zip(["first", "second"]) {
+            sender.send_to(text.as_bytes(), address).expect("sent");
+        }
+        let mut buffer = [0; 16];
+        for (sender, text) in senders.iter().zip(["first", "second"]) {
+            let received = receiver.receive(&mut buffer, Duration::from_secs(60));
+            let received = received.expect("a datagram");
+            assert_eq!(&buffer[..received.length], text.as_bytes());
+            let source = sender.local_addr().expect("an address");
+            assert_eq!(received.source, Some(source));
+        }
     }
 
     #[test]

@@ -2,8 +2,9 @@
 
 use std::net::SocketAddr;
 
+use hw::ReceivedDatagram;
+
 use super::rejection_notices::{self, RejectionNotices};
-use super::sourced_socket::Received;
 use pipeline::datagram::authentication::RejectReason;
 
 /// The sender that drives, and which messages about senders the operator has.
@@ -24,7 +25,11 @@ impl CommandSenders {
 
     /// Takes note of an accepted command. `has_taken_over`: it began a session. A message for the operator, if another sender
     /// drove before.
-    pub(super) fn accept(&mut self, received: &Received, has_taken_over: bool) -> Option<String> {
+    pub(super) fn accept(
+        &mut self,
+        received: &ReceivedDatagram,
+        has_taken_over: bool,
+    ) -> Option<String> {
         let source = received.source;
         let before = self.driving;
         self.driving = source.or(before);
@@ -41,7 +46,11 @@ impl CommandSenders {
     }
 
     /// Takes note of a rejected datagram. A message for the operator, if it is the first of its kind.
-    pub(super) fn reject(&mut self, received: &Received, reason: RejectReason) -> Option<String> {
+    pub(super) fn reject(
+        &mut self,
+        received: &ReceivedDatagram,
+        reason: RejectReason,
+    ) -> Option<String> {
         let source = received.source;
         let is_due = self.notices.is_due(source, Some(reason), received.arrival);
         is_due.then(|| {
@@ -67,8 +76,8 @@ mod tests {
     use super::*;
     use localize::Stamp;
 
-    fn received(port: u16, seconds: f64) -> Received {
-        Received {
+    fn received(port: u16, seconds: f64) -> ReceivedDatagram {
+        ReceivedDatagram {
             length: 0,
             arrival: Stamp::from_seconds(seconds),
             source: Some(SocketAddr::from(([127, 0, 0, 1], port))),

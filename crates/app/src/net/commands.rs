@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
+use hw::StampedSocket;
 use localize::Stamp;
 use prost::Message;
 use serde::{Deserialize, Serialize};
@@ -17,7 +18,6 @@ use super::address::{bind, resolve};
 use super::command_senders::CommandSenders;
 use super::lock::lock;
 use super::polling::POLL_PERIOD;
-use super::sourced_socket::SourcedSocket;
 use pipeline::datagram::authentication::{MacKey, RejectReason, ReplayGuard, verify_mac};
 use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
 
@@ -281,7 +281,7 @@ impl CommandListener {
         let socket = UdpSocket::from(socket);
         #[cfg(test)]
         let address = socket.local_addr()?;
-        let mut socket = SourcedSocket::new(socket, POLL_PERIOD)?;
+        let mut socket = StampedSocket::new(socket)?;
         let shared = Arc::new(ListenerState::default());
         lock(&shared.notices).extend(notice.map(|text| format!("[commands] {text}")));
         let state = shared.clone();
@@ -291,7 +291,7 @@ impl CommandListener {
                 let mut datagram = [0; MAX_DATAGRAM_BYTES];
                 let mut senders = CommandSenders::new();
                 while !state.stop_requested.load(Ordering::Relaxed) {
-                    let Some(received) = socket.receive(&mut datagram) else {
+                    let Some(received) = socket.receive(&mut datagram, POLL_PERIOD) else {
                         continue;
                     };
                     let before = filter.session();

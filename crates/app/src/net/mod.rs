@@ -11,7 +11,6 @@ mod multicast_tests;
 mod polling;
 mod rejection_notices;
 mod send_schedule;
-mod sourced_socket;
 pub(crate) mod state_sender;
 pub(crate) mod team;
 #[cfg(test)]

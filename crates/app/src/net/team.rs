@@ -10,6 +10,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use hw::StampedSocket;
 use localize::Stamp;
 use localize::team::TeamReport;
 use socket2::{Domain, Protocol, Socket, Type};
@@ -18,7 +19,6 @@ use super::lock::lock;
 use super::polling::POLL_PERIOD;
 use super::rejection_notices::{self, RejectionNotices};
 use super::send_schedule::SendSchedule;
-use super::sourced_socket::SourcedSocket;
 use pipeline::datagram::authentication::RejectReason;
 use pipeline::datagram::{TeamClock, TeamLink, TeamLinkConfig, TeamLinkCounts};
 use pipeline::feed::{Feed, RecvError, Subscription};
@@ -76,7 +76,7 @@ impl TeamTransport {
             stop_requested: stop_requested.clone(),
             threads: Vec::new(),
         };
-        let mut receiver = SourcedSocket::new(receiver.into(), POLL_PERIOD)?;
+        let mut receiver = StampedSocket::new(receiver.into())?;
         let (receiving, stop, time) = (link.clone(), stop_requested.clone(), clock.clone());
         transport.spawn("team receive", move || {
             let mut rejections = RejectionNotices::new();
@@ -191,14 +191,14 @@ impl Membership {
 
 /// Receives one message, if one comes soon. A message for the operator if it is the first of its sender that is rejected.
 fn receive(
-    socket: &mut SourcedSocket,
+    socket: &mut StampedSocket,
     link: &Mutex<TeamLink>,
     reports: &SyncSender<TeamReport>,
     clock: &impl Fn() -> Stamp,
     rejections: &mut RejectionNotices<RejectReason>,
 ) -> Option<String> {
     let mut datagram = [0; MAX_DATAGRAM_BYTES];
-    let received = socket.receive(&mut datagram)?;
+    let received = socket.receive(&mut datagram, POLL_PERIOD)?;
     let age = hw::now() - received.arrival;
     let report = lock(link).receive(&datagram[..received.length], clock() + -age);
     match report {

@@ -315,6 +315,14 @@ impl<'a, M: MapModel> JointFit<'a, M> {
             return 0.0;
         };
         let step = -cholesky.solve(&gradient);
+        self.add(&step)
+    }
+
+    /// Adds a step of all unknowns; returns the largest change of an image's.
+    fn add(&mut self, step: &DVector<f64>) -> f64 {
+        let model_parameters = self.model.parameter_count();
+        let size_count = self.sizes.as_ref().map_or(0, |fit| fit.sizes.count());
+        let map_parameters = model_parameters + size_count;
         for (value, step) in self.model.parameters_mut().iter_mut().zip(step.iter()) {
             *value += step;
         }

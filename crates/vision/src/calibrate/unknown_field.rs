@@ -131,7 +131,7 @@ fn fit_sizes(
     }
     let last = last?;
     let [inner, outer] = last.radii_px;
-    last.model.is_plausible(inner, outer).then(|| SizedField {
+    last.model.is_plausible(inner, outer).then_some(SizedField {
         field: field.config,
         score: last.score,
     })

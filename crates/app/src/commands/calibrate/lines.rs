@@ -118,16 +118,15 @@ fn calibrate_from_nothing(
         })
     });
     let (found, sized) = match (given, sized) {
-        (given, Some(Ok(sized))) if args.fit_field.is_some() => {
-            drop(given);
-            (sized.mirror.clone(), Some(sized))
+        (_, Some(Ok(sized))) if args.fit_field.is_some() => (sized.mirror.clone(), Some(sized)),
+        (Err(refused), Some(Ok(sized))) if !sized.changed.is_empty() => {
+            Err(CalibrationError::OtherSizes {
+                refused: Box::new(refused),
+                sizes: sized.changed,
+                share_percent: (100.0 * sized.mirror.calibration.on_field_share) as u32,
+            })
+            .with_context(|| args.dir.display().to_string())?
         }
-        (Err(refused), Some(Ok(sized))) => Err(CalibrationError::OtherSizes {
-            refused: Box::new(refused),
-            sizes: sized.changed,
-            share_percent: (100.0 * sized.mirror.calibration.on_field_share) as u32,
-        })
-        .with_context(|| args.dir.display().to_string())?,
         (given, _) => (given.with_context(|| args.dir.display().to_string())?, None),
     };
     let calibration = found.calibration;
