@@ -32,7 +32,7 @@ pub enum ObstacleKind {
 /// A robot or a person.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotDetection {
-    /// Its centre, metres: `robot_radius` behind its nearest edge, of a person [`PERSON_RADIUS`].
+    /// Its centre, metres: `robot_radius` behind its nearest edge, of a person 0.15 m.
     pub at: At<RobotFrame>,
     /// Its nearest ground contact, metres.
     pub edge: At<RobotFrame>,
