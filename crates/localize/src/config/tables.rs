@@ -565,7 +565,19 @@ pub const WORLD_BOUNDS: &[Bound] = &[
         0.99,
         "neither never nor always",
     ),
-    bound("*.range_max", 0.0, 1.0e3, "a distance, metres"),
+    bound("*.half_detection_range", 0.1, 1.0e3, "a distance, metres"),
+    bound(
+        "*.detection_correlation_time",
+        1.0e-4,
+        10.0,
+        "a duration, seconds",
+    ),
+    bound(
+        "*.false_alarm_correlation_time",
+        1.0e-4,
+        10.0,
+        "a duration, seconds",
+    ),
     bound(
         "*.birth_probability",
         1.0e-3,

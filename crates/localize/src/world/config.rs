@@ -12,7 +12,7 @@ use crate::flight::FlightConfig;
 pub struct WorldConfig {
     /// The ball.
     pub ball: ObjectTrackConfig,
-    /// Robots of both teams and legs of people. Defaults differ: acceleration_noise 1.5, deceleration 0,
+    /// Robots of both teams and legs of people. Defaults differ: acceleration_noise 1.5, deceleration 0, kick_rate 0,
     /// initial_speed_std 1.5 and separation_min 0.35.
     pub robots: ObjectTrackConfig,
     /// Gap between images after which all tracks are deleted, seconds.
@@ -43,17 +43,26 @@ pub struct ObjectTrackConfig {
     pub acceleration_noise: f32,
     /// Deceleration, m/s²: of a rolling ball; 0 for robots.
     pub deceleration: f32,
+    /// Mean number of sudden changes of the velocity (kicks, catches, collisions) a second.
+    pub kick_rate: f32,
+    /// Standard deviation of such a change, each axis, m/s.
+    pub kick_speed_std: f32,
     /// Standard deviation of a new track's velocity, m/s.
     pub initial_speed_std: f32,
     /// Largest squared Mahalanobis distance of a detection from its track. The default is 99.9 % of 2 degrees of
     /// freedom.
     pub gate: f32,
-    /// Probability that a visible object is detected in an image.
+    /// Share of the images that detect a visible object close to the robot.
     pub detection_probability: f32,
-    /// Probability of a false detection at the position of a track. A larger value confirms tracks later.
+    /// Distance at which that share is half as large, metres. Farther away, a missing detection says less.
+    pub half_detection_range: f32,
+    /// Time for which one image's detection or miss of an object predicts the next image's, seconds.
+    pub detection_correlation_time: f32,
+    /// Share of the images that detect something at the position of a track where nothing is. A larger value confirms
+    /// tracks later.
     pub false_alarm_probability: f32,
-    /// Distance up to which a missing detection counts against existence, metres.
-    pub range_max: f32,
+    /// Time for which one image's false detection predicts the next image's, seconds.
+    pub false_alarm_correlation_time: f32,
     /// Probability of existence of a new track whose score is 1.
     pub birth_probability: f32,
     /// Probability of existence from which a track is output.
@@ -94,6 +103,7 @@ impl ObjectTrackConfig {
             // Robots brake and turn within a second.
             acceleration_noise: 1.5,
             deceleration: 0.0,
+            kick_rate: 0.0,
             initial_speed_std: 1.5,
             separation_min: 0.35,
             ..ObjectTrackConfig::default()
@@ -107,15 +117,20 @@ impl Default for ObjectTrackConfig {
             acceleration_noise: 1.0,
             // A ball that rolls on carpet.
             deceleration: 0.35,
+            kick_rate: 0.3,
+            // Shots of the league reach 10 m/s, passes and catches change less.
+            kick_speed_std: 3.0,
             // Shots of the league reach 10 m/s; the ball is slow most of the time.
             initial_speed_std: 3.0,
             gate: 13.8,
-            detection_probability: 0.6,
-            // What looks like a ball or robot once often does so in the next images, too.
+            // Between the counts in seven simulated scenarios and independent images, see docs/methods.md 11.3.
+            detection_probability: 0.8,
+            half_detection_range: 10.0,
+            detection_correlation_time: 0.05,
             false_alarm_probability: 0.2,
-            range_max: 5.0,
+            false_alarm_correlation_time: 0.035,
             birth_probability: 0.4,
-            confirm_probability: 0.7,
+            confirm_probability: 0.6,
             delete_probability: 0.05,
             unseen_max: 2.0,
             position_std_max: 1.0,

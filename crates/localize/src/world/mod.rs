@@ -7,6 +7,8 @@
 
 mod airborne;
 mod config;
+mod existence;
+mod motion;
 mod observation;
 mod odometry_buffer;
 #[cfg(test)]
@@ -161,12 +163,13 @@ impl WorldModel {
             pose: pose.map(|pose| (pose, estimate.covariance)),
         };
         WorldView {
-            ball: most_probable(&self.balls, &config.ball).map(|track| view.tracked_object(track)),
+            ball: most_probable(&self.balls, &config.ball)
+                .map(|track| view.tracked_object(track, &config.ball)),
             robots: self
                 .robots
                 .iter()
                 .filter(|track| track.is_confirmed(&config.robots))
-                .map(|track| view.tracked_object(track))
+                .map(|track| view.tracked_object(track, &config.robots))
                 .collect(),
             ball_in_air: airborne
                 .map(|airborne| airborne.output(view.robot_from_odometry, view.pose)),
@@ -232,8 +235,7 @@ impl WorldModel {
             (&mut self.robots, &config.robots),
         ] {
             for track in tracks {
-                track.predict(gap, object);
-                track.add_motion_noise(robot.origin(), &covariance);
+                track.predict(gap, robot.origin(), &covariance, object);
             }
         }
         Some(robot)
@@ -365,8 +367,8 @@ struct VisibleArea {
 }
 
 impl VisibleArea {
-    /// False if a robot occludes the position, or it is beyond `range_max` metres.
-    fn is_visible(&self, at: At<OdometryFrame>, range_max: f32) -> bool {
+    /// Distance of a position, metres; None if a robot occludes it.
+    fn visible_range(&self, at: At<OdometryFrame>) -> Option<f32> {
         let at = self.robot_from_odometry * at;
         let range = at.distance();
         let occluded = self.robots.iter().any(|robot| {
@@ -374,7 +376,7 @@ impl VisibleArea {
             let nearer = robot.x * at.x + robot.y * at.y > 0.0 && robot.distance() < range;
             nearer && across < self.radius
         });
-        !occluded && range < range_max
+        (!occluded).then_some(range)
     }
 }
 
@@ -407,11 +409,10 @@ fn associate(
     let mut pairs = Vec::new();
     for (t, track) in tracks.iter().enumerate() {
         for (m, measurement) in measurements.iter().enumerate() {
-            let gating = track.gating(measurement);
+            let gating = track.gating(measurement, config);
             if gating.mahalanobis_squared < config.gate {
-                // Negative log likelihood: the determinant keeps uncertain tracks from taking all measurements.
                 pairs.push(AssociationPair {
-                    cost: gating.mahalanobis_squared + gating.log_determinant,
+                    cost: gating.cost,
                     track: t,
                     measurement: m,
                 });
@@ -434,8 +435,8 @@ fn associate(
         }
     }
     for (track, updated) in tracks.iter_mut().zip(updated) {
-        if !updated && view.is_visible(track.at(), config.range_max) {
-            track.mark_missed(config);
+        if !updated && let Some(range) = view.visible_range(track.at()) {
+            track.mark_missed(stamp, range, config);
         }
     }
     for (measurement, assigned) in measurements.iter().zip(assigned) {
@@ -477,7 +478,10 @@ fn most_probable<'a>(
         .max_by(|a, b| {
             a.probability()
                 .total_cmp(&b.probability())
-                .then(b.position_variance().total_cmp(&a.position_variance()))
+                .then(
+                    b.position_variance(config)
+                        .total_cmp(&a.position_variance(config)),
+                )
                 .then(b.id().cmp(&a.id()))
         })
 }
@@ -489,12 +493,12 @@ struct OutputTransform {
 }
 
 impl OutputTransform {
-    fn tracked_object(&self, track: &ObjectTrack) -> TrackedObject {
+    fn tracked_object(&self, track: &ObjectTrack, config: &ObjectTrackConfig) -> TrackedObject {
         let robot_rotation = rotation(self.robot_from_odometry.theta);
         let state_rotation = block_diagonal(robot_rotation);
         let at = self.robot_from_odometry * track.at();
         let velocity = robot_rotation * track.velocity();
-        let covariance = state_rotation * track.covariance() * state_rotation.transpose();
+        let covariance = state_rotation * track.covariance(config) * state_rotation.transpose();
         let on_field = self.pose.map(|(pose, pose_covariance)| {
             let field_rotation = rotation(pose.theta);
             let state_rotation = block_diagonal(field_rotation);

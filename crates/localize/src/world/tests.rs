@@ -186,6 +186,30 @@ fn kicked_ball_is_tracked_within_two_frames() {
 }
 
 #[test]
+fn a_pass_is_known_within_five_frames_and_doubted_before() {
+    let (mut squared, mut count) = (0.0, 0.0);
+    for seed in 0..20 {
+        let mut scene = TrackingScene::new(seed);
+        for _ in 0..30 {
+            scene.step(Some(At::new(2.0, 0.5)), &[], true);
+        }
+        for step in 1..=10 {
+            let ball = ball_position([2.0, 0.5], [-3.0, 1.0], step as f32 * FRAME as f32);
+            let world = scene.step(Some(ball), &[], true);
+            let found = world.ball.expect("a ball").on_field.expect("on the field");
+            let off = nalgebra::Vector2::new(found.velocity[0] + 3.0, found.velocity[1] - 1.0);
+            let information = found.covariance.fixed_view::<2, 2>(2, 2).try_inverse();
+            squared += (off.transpose() * information.expect("regular") * off).x;
+            count += 1.0;
+            assert!(step < 6 || off.norm() < 1.5, "{off} in image {step}");
+        }
+    }
+    // Two degrees of freedom. In the first image nothing tells a kick from noise.
+    let mean: f32 = squared / count;
+    assert!(mean < 6.0, "{mean}");
+}
+
+#[test]
 fn tracks_survive_a_lost_or_jumping_pose() {
     let mut scene = TrackingScene::new(3);
     let (ball, robot) = (At::new(1.0, 2.5), At::new(-1.0, -2.0));

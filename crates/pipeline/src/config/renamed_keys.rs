@@ -568,7 +568,6 @@ pub const RENAMED_KEYS: &[(&str, &str)] = &[
         "world.ball.false_alarm",
         "world.ball.false_alarm_probability",
     ),
-    ("world.ball.reach", "world.ball.range_max"),
     ("world.ball.newborn", "world.ball.birth_probability"),
     ("world.ball.confirmed", "world.ball.confirm_probability"),
     ("world.ball.lost", "world.ball.delete_probability"),
@@ -584,7 +583,6 @@ pub const RENAMED_KEYS: &[(&str, &str)] = &[
         "world.robots.false_alarm",
         "world.robots.false_alarm_probability",
     ),
-    ("world.robots.reach", "world.robots.range_max"),
     ("world.robots.newborn", "world.robots.birth_probability"),
     ("world.robots.confirmed", "world.robots.confirm_probability"),
     ("world.robots.lost", "world.robots.delete_probability"),
@@ -614,6 +612,10 @@ const REMOVED_KEYS: &[(&str, &str)] = &[
         "localize.filter.systematic_heading_std_deg",
         REPEATED_ERRORS,
     ),
+    ("world.ball.reach", RANGE_OF_MISSES),
+    ("world.ball.range_max", RANGE_OF_MISSES),
+    ("world.robots.reach", RANGE_OF_MISSES),
+    ("world.robots.range_max", RANGE_OF_MISSES),
     (
         "vision.image_check.seam_ratio_min",
         "a seam is found by its sharp steps, see vision.image_check.seam_share_min",
@@ -622,6 +624,8 @@ const REMOVED_KEYS: &[(&str, &str)] = &[
 
 const NOISE_LEARNING: &str =
     "the noise is learned with its uncertainty, see localize.filter.noise_learning_std";
+const RANGE_OF_MISSES: &str =
+    "a miss says less the farther the object, see world.robots.half_detection_range";
 const REPEATED_ERRORS: &str = "the uncertainty of the map determines errors that images repeat";
 
 /// Refuses an overlay with old names; names each, with `file` and its line if there is one.

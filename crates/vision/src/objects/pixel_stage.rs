@@ -21,7 +21,9 @@ use crate::objects::obstacle_candidates::{ObstacleCandidate, ObstacleGrid, is_sa
 use crate::objects::obstacle_edges::{measure_width, refine_foot};
 use crate::objects::patch::obstacle_row_step;
 use crate::objects::rejection::{ObjectRejection, RejectedObject};
-use crate::objects::robots::{ObstacleKind, PERSON_RADIUS, PERSON_RADIUS_STD, RobotDetection};
+use crate::objects::robots::{
+    ObstacleKind, PERSON_RADIUS, PERSON_RADIUS_STD, RobotDetection, join_parts,
+};
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::ground_map::GroundMap;
 
@@ -314,7 +316,7 @@ impl PixelStage {
                 obstacles.push(obstacle);
             }
         }
-        obstacles
+        join_parts(obstacles, 2.0 * config.robot_radius)
     }
 
     fn obstacle_detection(

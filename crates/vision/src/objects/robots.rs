@@ -82,6 +82,18 @@ impl RobotDetection {
         self.kind = ObstacleKind::Person;
     }
 
+    /// Takes in another part of the same robot or person, as good or worse: the centre is between theirs.
+    fn absorb(&mut self, part: &RobotDetection) {
+        let middle =
+            |a: At<RobotFrame>, b: At<RobotFrame>| At::new(0.5 * (a.x + b.x), 0.5 * (a.y + b.y));
+        self.width = self
+            .width
+            .max(self.at.distance_to(part.at) + 0.5 * (self.width + part.width));
+        self.at = middle(self.at, part.at);
+        self.edge = middle(self.edge, part.edge);
+        self.marker = self.marker.or(part.marker);
+    }
+
     /// True if the foot of another one is behind this robot, where the ground cannot be seen. People have legs.
     pub(crate) fn hides(&self, other: &RobotDetection) -> bool {
         let range = self.edge.distance();
@@ -90,6 +102,20 @@ impl RobotDetection {
             && range < other.edge.distance()
             && aside < math::atan2(0.5 * self.width, range)
     }
+}
+
+/// Makes one of detections whose centres are nearer to each other than robots can stand: halves of one robot, legs of one person.
+/// `width`: of a robot, metres.
+pub(crate) fn join_parts(mut parts: Vec<RobotDetection>, width: f32) -> Vec<RobotDetection> {
+    parts.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut joined: Vec<RobotDetection> = Vec::with_capacity(parts.len());
+    for part in parts {
+        match (joined.iter_mut()).find(|other| other.at.distance_to(part.at) < width) {
+            Some(whole) => whole.absorb(&part),
+            None => joined.push(part),
+        }
+    }
+    joined
 }
 
 /// Least depth of a dip between two nearer robots, metres.
@@ -327,18 +353,33 @@ fn build_robot(
 mod tests {
     use super::*;
 
-    #[test]
-    fn centre_of_a_person_is_a_persons_radius_behind_its_foot() {
-        let mut found = RobotDetection {
-            at: At::new(0.0, 1.75),
-            edge: At::new(0.0, 1.5),
+    fn robot_at(x: f32, y: f32, score: f32) -> RobotDetection {
+        RobotDetection {
+            at: At::new(x, y),
+            edge: At::new(x, y - 0.25),
             covariance: [0.0025, 0.0, 0.0036],
             width: 0.3,
             marker: None,
-            score: 0.9,
+            score,
             position_px: [0.0; 2],
             kind: ObstacleKind::Robot,
-        };
+        }
+    }
+
+    #[test]
+    fn halves_of_a_robot_are_one_and_touching_robots_are_two() {
+        let halves = [robot_at(-0.2, 2.0, 0.9), robot_at(0.2, 2.0, 1.0)];
+        let beside = robot_at(0.6, 2.0, 0.8);
+        let found = join_parts(vec![halves[0], beside, halves[1]], 0.5);
+        let places: Vec<[f32; 2]> = found.iter().map(|robot| [robot.at.x, robot.at.y]).collect();
+        assert_eq!(places, [[0.0, 2.0], [0.6, 2.0]]);
+        assert!((found[0].width - 0.7).abs() < 1e-6, "{}", found[0].width);
+        assert_eq!(found[0].score, 1.0);
+    }
+
+    #[test]
+    fn centre_of_a_person_is_a_persons_radius_behind_its_foot() {
+        let mut found = robot_at(0.0, 1.75, 0.9);
         found.become_person();
         assert_eq!(found.kind, ObstacleKind::Person);
         assert!((found.at.y - 1.5 - PERSON_RADIUS).abs() < 1e-5 && found.at.x.abs() < 1e-6);
