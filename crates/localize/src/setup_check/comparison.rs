@@ -50,9 +50,12 @@ fn better_share(gains: &[f32]) -> f32 {
 impl Comparison {
     /// Does the alternative explain the measurements clearly better?
     pub fn is_better(&self) -> bool {
-        self.gain >= GAIN_MIN
-            && self.significance >= SIGNIFICANCE_MIN
-            && self.better_share >= BETTER_SHARE_MIN
+        self.gain >= GAIN_MIN && self.is_consistent()
+    }
+
+    /// Does the gain of the alternative come from most keyframes?
+    pub fn is_consistent(&self) -> bool {
+        self.significance >= SIGNIFICANCE_MIN && self.better_share >= BETTER_SHARE_MIN
     }
 
     /// Does the alternative explain them clearly worse?

@@ -132,6 +132,17 @@ impl SetupReport {
         self.add_covariance(unknown_pose_covariance(setup));
     }
 
+    /// Adds that the camera was moved during the recording: the map explains the images until then. Localization learns the new mount
+    /// while driving.
+    pub(super) fn doubt_mount_after(&mut self, moved: Option<Stamp>) {
+        let Some(stamp) = moved else { return };
+        self.doubt(format!(
+            "the camera was moved shortly before {:.3} s: the map explains the images until then, and no mount explains those before and after. \
+             Calibrate it anew for what was recorded from there on",
+            stamp.seconds(),
+        ));
+    }
+
     /// Adds that some poses contradict the wheels where many points lie off the markings, if no edit is known: other places of the
     /// field explain the points as well as the right ones. Nothing is known of the poses then. A compass does not count, since
     /// steel disturbs it.

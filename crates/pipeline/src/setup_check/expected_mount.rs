@@ -11,17 +11,27 @@ use super::measurements::MeasuredKeyframe;
 use super::variant::SetupVariant;
 use crate::setup::Setup;
 
+/// Log likelihood ratio by which the map as given must explain the images until a knock better: e⁵ decides among some dozen moments.
+const KNOCK_GAIN_MIN: f32 = 5.0;
+
 /// Fits and searches in turn: poses that were wrong by the map as given become right.
 const ROUNDS: usize = 3;
 
-/// The mount that explains the measurements, and the measurements by the map with it. None if the map is right as given, if no likely mount
-/// explains them, and without a camera or wheels.
+/// What the measurements tell of the camera's mount.
+pub(super) enum ExpectedMount {
+    /// The mount that explains them, and they by the map with it.
+    Learned(Box<DriveFit>, Vec<MeasuredKeyframe>),
+    /// The map as given explains them until this keyframe, which the camera was moved before.
+    MovedBefore(usize),
+}
+
+/// None if the map is right as given, if no likely mount explains the measurements, and without a camera or wheels.
 pub(super) fn find(
     setup: &Setup,
     config: &LocalizeConfig,
     measured: &[MeasuredKeyframe],
     configured: &Explanation,
-) -> Option<(DriveFit, Vec<MeasuredKeyframe>)> {
+) -> Option<ExpectedMount> {
     let moves = measured.iter().any(|keyframe| keyframe.odometry.is_some());
     if !config.map_correction.enabled || !moves {
         return None;
@@ -54,5 +64,26 @@ pub(super) fn find(
         let fits = fit.is_expected && explanation.on_markings() >= FIRM_MIN;
         best = fits.then_some((fit, corrected));
     }
-    best
+    let (fit, corrected) = best?;
+    Some(match first_after_knock(configured, &explanation) {
+        Some(first) => ExpectedMount::MovedBefore(first),
+        None => ExpectedMount::Learned(Box::new(fit), corrected),
+    })
+}
+
+/// The keyframe before which the camera was moved: the map as `given` explains those until then clearly better than one mount for all
+/// does, `learned`. A mount that nobody measured is the same in all of them.
+fn first_after_knock(given: &Explanation, learned: &Explanation) -> Option<usize> {
+    let pairs = given.keyframes.iter().zip(&learned.keyframes);
+    let mut lead = 0.0;
+    let leads = pairs.map(|(given, learned)| {
+        lead += learned.cost - given.cost;
+        lead
+    });
+    let (before, _) = leads.enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+    let until = |explanation: &Explanation| Explanation {
+        keyframes: explanation.keyframes[..=before].to_vec(),
+    };
+    let lead = compare(&until(learned), &until(given));
+    (lead.gain >= KNOCK_GAIN_MIN && lead.is_consistent()).then_some(before + 1)
 }

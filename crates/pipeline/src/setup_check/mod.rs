@@ -60,6 +60,7 @@ use change::Change;
 use compass_faults::CompassFault;
 use compass_turn::constant_deviation_deg;
 use dead_sensors::FIT_FINE;
+use expected_mount::ExpectedMount;
 use image_age::ImageAge;
 use latency::OtherLatency;
 use odometry_coverage::OdometryGaps;
@@ -197,8 +198,15 @@ fn check_tables(
 ) -> SetupReport {
     let (given, assessment) = check_points(setup, config, measured, tables, effort);
     let mount = expected_mount::find(setup, &config.localize, measured, &assessment.configured);
-    let Some((map_fit, by_mount)) = mount else {
-        return given;
+    let (map_fit, by_mount) = match mount {
+        None => return given,
+        Some(ExpectedMount::Learned(map_fit, by_mount)) => (map_fit, by_mount),
+        Some(ExpectedMount::MovedBefore(first)) => {
+            let (before, after) = measured.split_at(first);
+            let (mut report, _) = check_points(setup, config, before, tables, effort);
+            report.doubt_mount_after(after.first().map(|keyframe| keyframe.stamp));
+            return report;
+        }
     };
     let (mut report, with_mount) = check_points(setup, config, &by_mount, tables, effort);
     if field_is_better_than_mount(&assessment, &with_mount)
@@ -209,7 +217,7 @@ fn check_tables(
     if let Some(figures) = &mut report.figures {
         figures.mount_learned = true;
     }
-    report.map_fit = Some(Box::new(map_fit));
+    report.map_fit = Some(map_fit);
     if let Some(centre) = centre_as_good_as_mount(&assessment, &with_mount) {
         let improvements = vec![vec![centre]];
         report.add_improvements(
