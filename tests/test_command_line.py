@@ -52,7 +52,7 @@ def test_script_imports_embedded_package_with_argv_and_venv(tmp_path: Path) -> N
         ("print('fine')\n", 0, ""),
         ("raise SystemExit\n", 0, ""),
         ("raise SystemExit(0)\n", 0, ""),
-        ("raise SystemExit(3)\n", 1, "code 3"),
+        ("raise SystemExit(3)\n", 3, "code 3"),
         ("import sys; sys.exit('no mirror')\n", 1, "no mirror"),
         ("1 / 0\n", 1, "ZeroDivisionError"),
         # The lines of what the executable carries are shown too.

@@ -1,4 +1,4 @@
-//! The command line: exit code 0 when done, 1 when the command failed, 2 when the arguments were wrong.
+//! The command line: exit code 0 when done, 1 when the command failed, 2 when the arguments were wrong, and that of a script.
 
 use std::process::ExitCode;
 
@@ -97,7 +97,15 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             stderr_line!("mirrorball: {}", printable(&error_message(&error)));
-            ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
+            ExitCode::from(exit_code(&error))
         }
     }
+}
+
+fn exit_code(error: &anyhow::Error) -> u8 {
+    #[cfg(feature = "python")]
+    if let Some(exit) = error.downcast_ref::<script::ScriptExit>() {
+        return exit.code();
+    }
+    if error.is::<UsageError>() { 2 } else { 1 }
 }

@@ -10,7 +10,8 @@ use crate::python;
 
 /// Run a Python file; `import mirrorball` gives this program's optics, renderer and mirror design.
 ///
-/// The interpreter is that of --python, else of $VIRTUAL_ENV, else the build's.
+/// The interpreter is that of --python, else of $VIRTUAL_ENV, else the build's. Ends with the exit code of the file, as
+/// Python does: `sys.exit(3)` with 3, an exception with 1.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball script py/examples/lima2001.py --out out/lima2001.png")]
 pub(crate) struct Args {
@@ -22,6 +23,18 @@ pub(crate) struct Args {
     /// Arguments of the file in `sys.argv`.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
+}
+
+/// The code with which a script ended by `SystemExit`; the program ends with it.
+#[derive(Debug, thiserror::Error)]
+#[error("the script ended with code {0}")]
+pub(crate) struct ScriptExit(i64);
+
+impl ScriptExit {
+    /// The lowest eight bits, as in Python.
+    pub(crate) fn code(&self) -> u8 {
+        self.0.to_le_bytes()[0]
+    }
 }
 
 /// Runs the file as `__main__`. An exception prints its traceback on standard error.
@@ -57,7 +70,7 @@ fn script_result(py: Python<'_>, error: &PyErr) -> Result<()> {
         }
         match code.extract::<i64>() {
             Ok(0) => return Ok(()),
-            Ok(number) => bail!("the script ended with code {number}"),
+            Ok(number) => return Err(ScriptExit(number).into()),
             Err(_) => bail!("{code}"),
         }
     }
