@@ -98,6 +98,16 @@ def test_several_robots_are_simulated(tmp_path: Path) -> None:
     assert Log(tmp_path / "game.mcap").complete and Log(tmp_path / "game-2.mcap").complete
 
 
+def test_ball_that_is_never_found_has_no_error(tmp_path: Path) -> None:
+    # A covered mirror shows no ball.
+    covered = {"start": 0.0, "stop": 9.0, "direction_deg": 0.0, "width_deg": 360.0}
+    change = {"occlusions": [covered], "ball.position": [-5.0, -4.0]}
+    found = mirrorball.simulate(SCENARIO, duration_s=0.2, change=change)
+    assert found["ball"]["found"] == 0 and found["ball"]["error_m"] is None
+    table = sweep([mirrorball.Run(str(SCENARIO), duration_s=0.2, change=change)], folder=tmp_path, progress=False)
+    assert table["ball.error_m"].isna().all() and table["ball.found"].eq(0).all()
+
+
 def test_simulations_in_threads_give_the_same_results() -> None:
     def error(_: int) -> float:
         return float(mirrorball.simulate(SCENARIO, seed=5, duration_s=0.3)["position_error_m"]["mean"])

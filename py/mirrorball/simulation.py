@@ -106,6 +106,8 @@ def simulate(
 ) -> dict[str, Any]:
     """Makes a run and gives its summary: frames, modes, `position_error_m`, `heading_error_rad`, times, ball.
 
+    Of several robots the summary of each is in `robots`. A number without measurements is None.
+
     A path stands for `Run(path, **options)`. `record` writes a log, with its images as "png", "jpeg" or "none".
     `progress` gets the simulated seconds some ten times a second; an exception that it raises ends the run.
     Raises FileNotFoundError for a missing file and ValueError for an invalid value.

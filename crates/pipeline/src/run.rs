@@ -86,7 +86,7 @@ pub struct RunSummary {
 #[serde(untagged)]
 pub enum RunScores {
     /// Of its only robot.
-    SingleRobot(Summary),
+    SingleRobot(Box<Summary>),
     /// Of each robot of the team.
     MultiRobot {
         /// In the order of their numbers.
@@ -241,7 +241,7 @@ impl SingleRobotRun {
         })?;
         recorder.map(finish).transpose()?;
         Ok(SingleRobotOutcome {
-            scores: RunScores::SingleRobot(statistics.summary()),
+            scores: RunScores::SingleRobot(Box::new(statistics.summary())),
             setup,
             config,
             keyframes,
@@ -484,11 +484,11 @@ impl RecordingRun {
 fn few_located(summary: &Summary, points_min: usize) -> Option<String> {
     let usable = summary.frames - summary.unreadable.min(summary.frames);
     let located = summary.tracking + summary.predicted + summary.global;
-    let reason = if summary.line_points < points_min as f64 {
+    let line_points = summary.line_points.unwrap_or_default();
+    let reason = if line_points < points_min as f64 {
         format!(
-            "half of them show at most {:.0} line points, where a pose needs {points_min}. The carpet's colours may not be recognised \
-             (`labels` and `colours` of robot.toml name them), or light, field lines or map are wrong",
-            summary.line_points
+            "half of them show at most {line_points:.0} line points, where a pose needs {points_min}. The carpet's colours may not be recognised \
+             (`labels` and `colours` of robot.toml name them), or light, field lines or map are wrong"
         )
     } else {
         "the column reason of the poses says why. The field, the camera's mount or the map may be wrong".to_owned()

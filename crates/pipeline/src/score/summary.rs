@@ -32,8 +32,8 @@ pub struct Summary {
     pub lost: usize,
     /// Images that could not be used.
     pub unreadable: usize,
-    /// Line points per image, median.
-    pub line_points: f64,
+    /// Line points per image, median. None without images, like the times.
+    pub line_points: Option<f64>,
     /// Images with ground truth.
     pub scored: usize,
     /// Position error, metres.
@@ -46,9 +46,9 @@ pub struct Summary {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure: Option<ExposureSummary>,
     /// Time from image to features, milliseconds, median.
-    pub see_ms: f64,
+    pub see_ms: Option<f64>,
     /// Time from features to pose, milliseconds, median.
-    pub localize_ms: f64,
+    pub localize_ms: Option<f64>,
 }
 
 /// Results of ball detection.
@@ -60,8 +60,8 @@ pub struct BallSummary {
     pub found: usize,
     /// Images with a false detection.
     pub false_finds: usize,
-    /// Median error of correct detections, metres.
-    pub error_m: f64,
+    /// Median error of correct detections, metres. None if there are none.
+    pub error_m: Option<f64>,
 }
 
 /// Results of exposure control.
@@ -172,9 +172,8 @@ impl RunStatistics {
 
     /// The results.
     pub fn summary(self) -> Summary {
-        let median = |values: Vec<f64>| {
-            score::sample_statistics(values).map_or(0.0, |statistics| statistics.median)
-        };
+        let median =
+            |values: Vec<f64>| score::sample_statistics(values).map(|statistics| statistics.median);
         let [tracking, global, lost] = self.modes;
         let knows_ball = self.ball.within_range > 0 || self.ball.false_finds > 0;
         Summary {
@@ -205,6 +204,11 @@ pub fn pluralize(count: usize, thing: &str) -> String {
     format!("{count} {thing}{plural}")
 }
 
+/// A number for a reader, "–" for none.
+pub(crate) fn figure(value: Option<f64>, decimals: usize) -> String {
+    value.map_or("–".to_owned(), |value| format!("{value:.decimals$}"))
+}
+
 impl Summary {
     /// Prints the results as text.
     pub fn print(&self) {
@@ -223,7 +227,10 @@ impl Summary {
             self.global,
             self.lost
         );
-        println!("{:.0} line points a frame (median)", self.line_points);
+        println!(
+            "{} line points a frame (median)",
+            figure(self.line_points, 0)
+        );
         if let (Some(position), Some(heading)) = (self.position_error_m, self.heading_error_rad) {
             println!(
                 "position error: mean {:.1} cm, median {:.1} cm, 95 % below {:.1} cm, largest {:.1} cm ({})",
@@ -243,10 +250,10 @@ impl Summary {
         }
         if let Some(ball) = &self.ball {
             println!(
-                "ball: found in {} of {} frames within {BALL_RANGE} m (hidden ones counted), {:.1} cm off (median), {} false",
+                "ball: found in {} of {} frames within {BALL_RANGE} m (hidden ones counted), {} cm off (median), {} false",
                 ball.found,
                 ball.within_range,
-                100.0 * ball.error_m,
+                figure(ball.error_m.map(|error| 100.0 * error), 1),
                 ball.false_finds
             );
         }
@@ -257,8 +264,40 @@ impl Summary {
             );
         }
         println!(
-            "time a frame (median): vision {:.2} ms, localization {:.3} ms",
-            self.see_ms, self.localize_ms
+            "time a frame (median): vision {} ms, localization {} ms",
+            figure(self.see_ms, 2),
+            figure(self.localize_ms, 3)
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use localize::{Pose, Stamp};
+
+    use super::*;
+    use crate::testing::sample_recording;
+
+    #[test]
+    fn medians_of_nothing_are_absent() {
+        let robot = sample_recording().join("robot.toml");
+        let setup = Setup::load(&robot, None).expect("a setup");
+        let mut statistics = RunStatistics::new(&setup);
+        let truth = GroundTruth {
+            stamp: Stamp(0),
+            pose: Pose::new(0.0, 0.0, 0.0),
+            ball: Some(At::new(1.0, 0.0)),
+            ball_height: 0.0,
+            robots: Vec::new(),
+            robot_headings: Vec::new(),
+            people: Vec::new(),
+        };
+        statistics.add_ball(&truth, None);
+        let summary = statistics.summary();
+        let ball = summary.ball.expect("within range");
+        assert_eq!((ball.within_range, ball.found, ball.error_m), (1, 0, None));
+        assert_eq!(summary.line_points, None);
+        assert_eq!((summary.see_ms, summary.localize_ms), (None, None));
+        assert_eq!(figure(ball.error_m, 1), "–");
     }
 }
