@@ -28,6 +28,8 @@ const KICK_HEIGHT_MAX: f32 = 0.2;
 const KICK_HALF_ANGLE: f32 = 0.5;
 /// Distance outside the lines beyond which the ball is returned, metres.
 const THROW_IN_DISTANCE: f32 = 0.6;
+/// Distance between two robots' centres at which their bodies are apart at any headings, metres.
+const BODIES_DISTANCE: f32 = 0.7;
 /// Distance of a goalkeeper from its goal line, metres.
 const KEEPER_AHEAD: f32 = 0.45;
 
@@ -64,8 +66,7 @@ impl TeamBehaviour {
         let mut placed_robots: Vec<(Pose, TeamColour)> = Vec::new();
         let mut robots = Vec::new();
         for placed in &config.placed {
-            let pose = Pose::new(placed.x, placed.y, placed.theta_deg.to_radians());
-            placed_robots.push((pose, placed.team));
+            placed_robots.push((placed.pose(), placed.team));
             robots.push(RobotBehaviour::new(placed.stands, false));
         }
         for (team, count) in [
@@ -75,8 +76,9 @@ impl TeamBehaviour {
             for index in 0..count {
                 // The opponents' first robot is a goalkeeper; ours may be the simulated robot.
                 let keeper = index == 0 && (team == TeamColour::Magenta || count > 2);
-                let pose = if keeper {
-                    Pose::new(own_goal_sign(team) * (half_length - KEEPER_AHEAD), 0.0, 0.0)
+                let goal = Pose::new(own_goal_sign(team) * (half_length - KEEPER_AHEAD), 0.0, 0.0);
+                let pose = if keeper && is_clear(goal, BODIES_DISTANCE, robot, &placed_robots) {
+                    goal
                 } else {
                     free_place(half_length, half_width, robot, &placed_robots, rng)
                 };
@@ -98,10 +100,10 @@ impl TeamBehaviour {
     }
 
     /// Sets the velocities of all robots; kicks and throw-ins move the ball.
-    pub(crate) fn update(&mut self, world: &mut SimWorld, rng: &mut ChaCha8Rng) {
+    pub(crate) fn update(&mut self, field: &Field, world: &mut SimWorld, rng: &mut ChaCha8Rng) {
         let robot = world.robot();
         let others: Vec<RobotState> = world.others().collect();
-        if let Some(position) = world.ball().and_then(|ball| self.throw_in(&ball)) {
+        if let Some(position) = world.ball().and_then(|ball| throw_in(field, &ball)) {
             world.place_ball(position, [0.0; 2]);
         }
         let ball = world.ball();
@@ -229,24 +231,25 @@ impl TeamBehaviour {
             if lofted { self.loft } else { 0.0 },
         ))
     }
+}
 
-    /// New position of a ball that left the field: on the line, or at the centre after a goal.
-    fn throw_in(&self, ball: &BallState) -> Option<At<FieldFrame>> {
-        let (x, y) = (ball.at.x, ball.at.y);
-        let out = x.abs() > self.half_length + THROW_IN_DISTANCE / 2.0
-            || y.abs() > self.half_width + THROW_IN_DISTANCE;
-        let slow = ball.velocity[0].hypot(ball.velocity[1]) < 0.3;
-        if !(out && slow && ball.height <= 0.0) {
-            return None;
-        }
-        if y.abs() < self.goal_half_width && x.abs() > self.half_length {
-            return Some(At::new(0.0, 0.0));
-        }
-        Some(At::new(
-            x.clamp(-self.half_length + 0.3, self.half_length - 0.3),
-            y.clamp(-self.half_width, self.half_width),
-        ))
+/// New position of a ball that left the field: on the line, or at the centre after a goal.
+pub(crate) fn throw_in(field: &Field, ball: &BallState) -> Option<At<FieldFrame>> {
+    let (half_length, half_width) = (field.length / 2.0, field.width / 2.0);
+    let (x, y) = (ball.at.x, ball.at.y);
+    let out =
+        x.abs() > half_length + THROW_IN_DISTANCE / 2.0 || y.abs() > half_width + THROW_IN_DISTANCE;
+    let slow = ball.velocity[0].hypot(ball.velocity[1]) < 0.3;
+    if !(out && slow && ball.height <= 0.0) {
+        return None;
     }
+    if y.abs() < field.config.goal.width / 2.0 && x.abs() > half_length {
+        return Some(At::new(0.0, 0.0));
+    }
+    Some(At::new(
+        x.clamp(-half_length + 0.3, half_length - 0.3),
+        y.clamp(-half_width, half_width),
+    ))
 }
 
 impl RobotBehaviour {
@@ -309,6 +312,12 @@ fn is_nearest(
     })
 }
 
+/// True if all robots are farther away than a distance, metres.
+fn is_clear(pose: Pose, distance: f32, robot: Pose, taken: &[(Pose, TeamColour)]) -> bool {
+    let clear = |other: Pose| other.origin().distance_to(pose.origin()) > distance;
+    clear(robot) && taken.iter().all(|&(other, _)| clear(other))
+}
+
 /// A random pose at least 1.2 m from all robots; after 200 attempts the last one drawn.
 fn free_place(
     half_length: f32,
@@ -322,10 +331,36 @@ fn free_place(
         let x = (rng.random::<f32>() * 2.0 - 1.0) * half_length * 0.9;
         let y = (rng.random::<f32>() * 2.0 - 1.0) * half_width * 0.9;
         pose = Pose::new(x, y, rng.random::<f32>() * TAU);
-        let clear = |other: Pose| other.origin().distance_to(pose.origin()) > 1.2;
-        if clear(robot) && taken.iter().all(|&(other, _)| clear(other)) {
+        if is_clear(pose, 1.2, robot, taken) {
             break;
         }
     }
     pose
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use rand::SeedableRng;
+
+    use super::*;
+
+    #[test]
+    fn goalkeeper_whose_place_is_taken_starts_elsewhere() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields/msl_18x12.toml");
+        let field = Field::load(&path).expect("a field");
+        let config = OthersConfig {
+            opponents: 1,
+            ..OthersConfig::default()
+        };
+        let keeper = |robot: Pose| {
+            let mut rng = ChaCha8Rng::seed_from_u64(1);
+            TeamBehaviour::new(&field, &config, robot, &mut rng).1[0].0
+        };
+        let in_goal = keeper(Pose::new(0.0, 0.0, 0.0));
+        assert_eq!(in_goal.x, field.length / 2.0 - KEEPER_AHEAD);
+        let beside = keeper(in_goal);
+        assert!(beside.origin().distance_to(in_goal.origin()) > BODIES_DISTANCE);
+    }
 }

@@ -2,10 +2,11 @@
 
 mod bounds;
 mod load;
+mod places;
 
 use std::path::PathBuf;
 
-use localize::frames::Pose;
+use localize::frames::{At, Pose};
 use localize::world::TeamColour;
 use serde::{Deserialize, Serialize};
 use vision::Mount;
@@ -18,6 +19,7 @@ use crate::light::LightConfig;
 use crate::people::PeopleConfig;
 use crate::rocking::RockingConfig;
 use crate::sector::Sector;
+use crate::world::BallState;
 
 /// A scenario file. Lengths in metres, times in seconds from the start, angles in the unit of their names.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,7 +37,7 @@ pub struct Scenario {
     /// Images per second.
     #[serde(default = "default_frame_rate_hz")]
     pub frame_rate_hz: f64,
-    /// Initial pose of our robot.
+    /// Initial pose of our robot. No robot starts inside another one, or outside the barrier around the carpet.
     pub start: Placement,
     /// Path of our robot.
     #[serde(default)]
@@ -214,7 +216,7 @@ impl Default for RadioConfig {
 pub struct BallConfig {
     /// False removes the ball.
     pub present: bool,
-    /// Initial position, metres.
+    /// Initial position, metres. A ball at rest starts on the field or close to its lines, another one inside the barrier.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub position: [f32; 2],
     /// Initial velocity (sliding), m/s.
@@ -260,6 +262,19 @@ impl Default for BallConfig {
             floor_restitution: 0.65,
             // A smooth ball between the laminar 0.5 and the turbulent 0.2.
             drag_coefficient: 0.3,
+        }
+    }
+}
+
+impl BallConfig {
+    /// The ball at the start.
+    pub(crate) fn state(&self) -> BallState {
+        let [x, y] = self.position;
+        BallState {
+            at: At::new(x, y),
+            velocity: self.velocity,
+            height: self.height,
+            vertical_velocity: self.vertical_velocity,
         }
     }
 }
@@ -314,6 +329,13 @@ pub struct PlacedRobot {
     /// True keeps the robot stationary.
     #[serde(default)]
     pub stands: bool,
+}
+
+impl PlacedRobot {
+    /// The pose on the field.
+    pub fn pose(&self) -> Pose {
+        Pose::new(self.x, self.y, self.theta_deg.to_radians())
+    }
 }
 
 /// Deviations of wheels and odometry from the robot file.
@@ -393,6 +415,22 @@ pub struct BallKick {
     /// Upward velocity, m/s.
     #[serde(default)]
     pub vertical_velocity: f32,
+}
+
+impl BallKick {
+    /// The ball after the kick.
+    pub(crate) fn apply(&self, ball: BallState) -> BallState {
+        let (at, height) = match self.position {
+            Some([x, y]) => (At::new(x, y), self.height),
+            None => (ball.at, ball.height),
+        };
+        BallState {
+            at,
+            height,
+            velocity: self.velocity,
+            vertical_velocity: self.vertical_velocity,
+        }
+    }
 }
 
 /// A black sector of the image.

@@ -5,8 +5,9 @@ mod contact;
 mod field_walls;
 mod state;
 
-pub use contact::STEP;
-pub(crate) use contact::STEP_NANOSECONDS;
+pub use contact::{OTHER_HALF_SIDE, STEP};
+pub(crate) use contact::{STEP_NANOSECONDS, other_shape, overlap, own_shape};
+pub(crate) use field_walls::Room;
 pub use state::{BallState, RobotState};
 
 use localize::field::Field;
@@ -21,13 +22,11 @@ use rapier2d::prelude::*;
 use crate::base::SimBase;
 use crate::scenario::Scenario;
 use ball_body::{BallBody, Footprint, RobotTop};
-use contact::{BODY_RESTITUTION, ROBOT_GROUP, member_of};
+use contact::{BODY_RESTITUTION, ROBOT_GROUP, member_of, own_radius};
 use localize::world::TeamColour;
 
 /// Mass of each of the other robots, kilograms (the league allows 40).
 const OTHER_MASS: f32 = 35.0;
-/// Half the side of the other robots, metres (the league allows 0.26).
-pub const OTHER_HALF_SIDE: f32 = 0.24;
 /// Maximum acceleration of the other robots, m/s² and rad/s².
 const OTHER_ACCELERATION: f32 = 3.5;
 const OTHER_TURN_ACCELERATION: f32 = 20.0;
@@ -65,10 +64,9 @@ impl SimWorld {
         physics.gravity = Vector::ZERO;
         physics.integration_parameters.dt = STEP;
         field_walls::insert(&mut physics, field, scenario.ball.restitution);
-        let robot_radius = body.radius.max(0.05);
         let (robot, _) = physics.insert(
             dynamic(scenario.start.pose()),
-            ColliderBuilder::ball(robot_radius)
+            ColliderBuilder::new(own_shape(body))
                 .collision_groups(member_of(ROBOT_GROUP))
                 .mass(base.mass)
                 .restitution(BODY_RESTITUTION)
@@ -78,7 +76,7 @@ impl SimWorld {
         let others = others
             .iter()
             .map(|&(pose, team)| {
-                let collider = ColliderBuilder::cuboid(OTHER_HALF_SIDE, OTHER_HALF_SIDE)
+                let collider = ColliderBuilder::new(other_shape())
                     .collision_groups(member_of(ROBOT_GROUP))
                     .mass(OTHER_MASS)
                     .restitution(BODY_RESTITUTION)
@@ -104,7 +102,7 @@ impl SimWorld {
             base: SimBase::new(base, &scenario.wheels)?,
             last_velocity: Vector::ZERO,
             last_acceleration: Vector2::zeros(),
-            robot_radius,
+            robot_radius: own_radius(body),
         })
     }
 

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use localize::field::{Field, FieldError};
 use localize::robot::RobotConfig;
 use localize::toml_file::{self, TomlFileError};
 use localize::toml_location::key_location;
 
-use super::{FaultKind, OthersConfig, Scenario, bounds};
+use super::{FaultKind, OthersConfig, Scenario, bounds, places};
 use crate::world::STEP;
 
 /// Why a scenario cannot be loaded.
@@ -28,6 +29,9 @@ pub enum ScenarioError {
     /// An error in its robot file.
     #[error(transparent)]
     Robot(#[from] localize::robot::RobotConfigError),
+    /// An error in its field file.
+    #[error(transparent)]
+    Field(#[from] FieldError),
 }
 
 /// Lowest rate of images: one in a hundred seconds.
@@ -71,10 +75,12 @@ impl Scenario {
         scenario.robot = folder.join(&scenario.robot);
         let robot = RobotConfig::load(&scenario.robot)?;
         scenario.check_wheels(&robot).map_err(refused)?;
-        scenario.field = Some(match scenario.field.take() {
+        let field = match scenario.field.take() {
             Some(field) => folder.join(field),
             None => robot.field.clone(),
-        });
+        };
+        places::check_places(&scenario, &robot, &Field::load(&field)?).map_err(refused)?;
+        scenario.field = Some(field);
         Ok((scenario, robot))
     }
 

@@ -87,19 +87,9 @@ impl Simulator {
 
     /// A kick of the scenario.
     pub(super) fn kick_from_scenario(&mut self, kick: &BallKick) {
-        let Some(ball) = self.world.ball() else {
-            return;
-        };
-        let (at, height) = match kick.position {
-            Some([x, y]) => (At::new(x, y), kick.height),
-            None => (ball.at, ball.height),
-        };
-        self.world.set_ball_state(&BallState {
-            at,
-            height,
-            velocity: kick.velocity,
-            vertical_velocity: kick.vertical_velocity,
-        });
+        if let Some(ball) = self.world.ball() {
+            self.world.set_ball_state(&kick.apply(ball));
+        }
     }
 
     /// Copies the states of the other robots and of the ball from another simulation of the same game, in which another

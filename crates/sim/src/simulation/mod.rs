@@ -439,7 +439,7 @@ impl Simulator {
         }
         if self.behaviour_timer.take_due(time) {
             self.behaviour
-                .update(&mut self.world, &mut self.behaviour_rng);
+                .update(&self.field, &mut self.world, &mut self.behaviour_rng);
         }
         let command = match self.command_override {
             Some(twist) => twist,

@@ -1,12 +1,59 @@
 //! What encloses the field? Goal posts, nets, and the barrier around the carpet.
 
+use std::fmt;
+
 use localize::field::Field;
+use localize::frames::Pose;
 use rapier2d::prelude::*;
 
-use super::contact::{BARRIER_GROUP, GOAL_GROUP, NET_RESTITUTION, WALL_THICKNESS, member_of};
+use super::contact::{
+    BARRIER_GROUP, DEPTH_MAX, GOAL_GROUP, NET_RESTITUTION, WALL_THICKNESS, member_of, physics_pose,
+};
 
 /// Distance from the carpet to the barrier around it, metres.
 const BARRIER_GAP: f32 = 0.5;
+
+/// The area inside the barrier, and the goals where they stand behind it; metres.
+pub(crate) struct Room {
+    half_x: f32,
+    half_y: f32,
+    /// x of the end of a goal, and half its width.
+    goal: [f32; 2],
+}
+
+impl Room {
+    pub(crate) fn of(field: &Field) -> Self {
+        // Walls stand on the boundary of a field that has them; other fields have a barrier outside the carpet.
+        let (gap, (half_x, half_y)) = match field.config.walls {
+            true => (0.0, (field.config.length / 2.0, field.config.width / 2.0)),
+            false => (BARRIER_GAP, field.carpet_half_extent()),
+        };
+        let goal = &field.config.goal;
+        Room {
+            half_x: half_x + gap,
+            half_y: half_y + gap,
+            goal: [field.config.length / 2.0 + goal.depth, goal.width / 2.0],
+        }
+    }
+
+    /// True if a body at a pose is inside, up to rounding.
+    pub(crate) fn contains(&self, shape: &SharedShape, pose: Pose) -> bool {
+        let bounds = shape.compute_aabb(&physics_pose(pose));
+        let reach = bounds.mins.abs().max(bounds.maxs.abs()) - Vector::splat(DEPTH_MAX);
+        let within = |[x, y]: [f32; 2]| reach.x <= x && reach.y <= y;
+        within([self.half_x, self.half_y]) || within(self.goal)
+    }
+}
+
+impl fmt::Display for Room {
+    fn fmt(&self, text: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            text,
+            "a whole body within ±{:.2} and ±{:.2}",
+            self.half_x, self.half_y
+        )
+    }
+}
 
 /// Goal posts, nets (or goal walls), and the barrier around the carpet.
 pub(super) fn insert(physics: &mut PhysicsWorld, field: &Field, restitution: f32) {
@@ -51,16 +98,13 @@ pub(super) fn insert(physics: &mut PhysicsWorld, field: &Field, restitution: f32
             }
         }
     }
-    // Walls stand on the boundary of a field that has them; other fields have a barrier outside the carpet.
-    let (gap, (half_x, half_y)) = match field.config.walls {
-        true => (0.0, (field.config.length / 2.0, field.config.width / 2.0)),
-        false => (BARRIER_GAP, field.carpet_half_extent()),
-    };
+    let room = Room::of(field);
     // Thick, so that nothing is ever squeezed through.
-    let (x, y, thick) = (half_x + gap + 0.5, half_y + gap + 0.5, 0.5);
+    let (x, y, thick) = (room.half_x + 0.5, room.half_y + 0.5, 0.5);
     // Walls that are closer to the goal line than the goal's depth leave the goal's mouth open.
-    let mouth = if goal.depth > 0.0 && half_x + gap < field.config.length / 2.0 + goal.depth {
-        goal.width / 2.0
+    let [goal_end, goal_half_width] = room.goal;
+    let mouth = if goal.depth > 0.0 && room.half_x < goal_end {
+        goal_half_width
     } else {
         0.0
     };
