@@ -190,10 +190,10 @@ impl MultiRobotSimulation {
 
     fn tick(&mut self, on_cycle: &mut impl FnMut(usize, &Cycle)) -> Result<()> {
         self.now = Stamp(self.now.0 + SYNC_PERIOD.0);
-        let now = self.now;
+        let (now, duration) = (self.now, self.duration);
         self.players
             .par_iter_mut()
-            .for_each(|player| player.advance(now));
+            .for_each(|player| player.advance(now, duration));
         self.exchange_messages();
         let players = self.players.iter().map(|player| player.sim.truth());
         let truths: Vec<_> = players.collect();
@@ -279,14 +279,14 @@ impl MultiRobotSimulation {
 }
 
 impl SimulatedRobot {
-    /// Runs simulation and pipeline until `now`.
-    fn advance(&mut self, now: Stamp) {
+    /// Runs simulation and pipeline until `now`, and ends before `duration` (seconds) as the run of a single robot does.
+    fn advance(&mut self, now: Stamp, duration: f64) {
         loop {
             let sample = match self.pending_sample.take() {
                 Some(sample) => sample,
                 None => self.sim.next_sample(),
             };
-            if sample.stamp() > now {
+            if sample.stamp() > now || sample.stamp().seconds() >= duration {
                 self.pending_sample = Some(sample);
                 return;
             }

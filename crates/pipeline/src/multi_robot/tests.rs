@@ -1,10 +1,11 @@
 //! Several robots give equal bits, replay bit for bit, and correct one another only where markings do not.
 
-use localize::Estimate;
 use localize::localizer::SightingOutcome;
+use localize::{Estimate, Pose};
 
 use super::*;
 use crate::log::{LogReader, UnpackedSetup, verify};
+use crate::run::{RunScores, ScenarioOptions, ScenarioRun};
 use crate::simulation::load_scenario_with_overrides;
 
 fn scenario() -> (PathBuf, Scenario) {
@@ -156,4 +157,45 @@ fn corrections_by_mates_replay_bit_for_bit() {
     let mut pipeline = Pipeline::new(&unpacked.setup, &config).expect("a pipeline");
     let verdict = verify(log, |sample| pipeline.process_sample(sample)).expect("verified");
     assert_eq!((verdict.different, verdict.first_difference), (0, None));
+}
+
+/// Runs 0.2 s of the scenario with changed values; the stamps and true poses of the cycles that progress shows, and the scores.
+fn run_briefly(changes: toml::Table) -> (Vec<(Stamp, Pose)>, RunScores) {
+    let run = ScenarioRun::load(ScenarioOptions {
+        scenario: scenario().0,
+        changes,
+        seed: None,
+        duration: Some(0.2),
+        config: PipelineConfig::default(),
+        record: None,
+    });
+    let mut shown = Vec::new();
+    let summary = run.expect("a scenario").run(|progress| {
+        shown.extend(progress.cycle.map(|cycle| {
+            let truth = cycle.inputs.truth.as_ref().expect("simulated");
+            (cycle.stamp, truth.pose)
+        }));
+        Ok(ControlFlow::Continue(()))
+    });
+    (shown, summary.expect("completed").scores)
+}
+
+fn robots_of(scores: RunScores) -> Vec<RobotSummary> {
+    let RunScores::MultiRobot { robots } = scores else {
+        panic!("a single robot");
+    };
+    robots
+}
+
+#[test]
+fn each_of_several_robots_has_as_many_images_as_a_single_robot() {
+    let (_, scores) = run_briefly(toml::Table::new());
+    for robot in robots_of(scores) {
+        assert_eq!(robot.summary.frames, 6, "robot {}", robot.robot);
+    }
+    let (_, scores) = run_briefly(toml::toml! { squad = [] });
+    let RunScores::SingleRobot(summary) = scores else {
+        panic!("several robots");
+    };
+    assert_eq!(summary.frames, 6);
 }
