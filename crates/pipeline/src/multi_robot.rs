@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use localize::Stamp;
+use localize::frames::{At, FieldFrame};
 use localize::world::TeamColour;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -26,7 +27,7 @@ use crate::log::start_log;
 use crate::log::{LogConfig, Recorder};
 use crate::pipeline::Pipeline;
 use crate::sample::Sample;
-use crate::score::summary::{RunStatistics, Summary};
+use crate::score::summary::{RunStatistics, Summary, figure};
 use crate::score::{self, SampleStatistics};
 use crate::simulation::{sample_from_sim, setup_from_sim};
 
@@ -56,10 +57,17 @@ struct SimulatedRobot {
     cycles: Vec<Arc<Cycle>>,
     last_sent: Option<Stamp>,
     statistics: RunStatistics,
-    own_ball_errors: Vec<f64>,
-    team_ball_errors: Vec<f64>,
+    ball_errors: BallErrors,
+    far_ball_errors: BallErrors,
     recorder: Option<Recorder>,
     error: Option<anyhow::Error>,
+}
+
+/// Errors of the ball on the field, metres.
+#[derive(Default)]
+struct BallErrors {
+    own: Vec<f64>,
+    team: Vec<f64>,
 }
 
 /// Results of one robot.
@@ -70,9 +78,13 @@ pub struct RobotSummary {
     /// Statistics of its run.
     #[serde(flatten)]
     pub summary: Summary,
-    /// Error of its own ball on the field, metres, while the ball was far from all robots.
+    /// Error of its own ball on the field, metres.
+    pub own_ball_m: Option<SampleStatistics>,
+    /// Error of the team's fused ball, metres.
+    pub team_ball_m: Option<SampleStatistics>,
+    /// Error of its own ball while the ball was more than 4 m from every robot, metres.
     pub own_far_ball_m: Option<SampleStatistics>,
-    /// Error of the team's fused ball, metres, while the ball was far from all robots.
+    /// Error of the team's fused ball while the ball was more than 4 m from every robot, metres.
     pub team_far_ball_m: Option<SampleStatistics>,
     /// Received team messages.
     pub messages: u64,
@@ -128,8 +140,8 @@ impl MultiRobotSimulation {
                 cycles: Vec::new(),
                 last_sent: None,
                 statistics: RunStatistics::new(&setup),
-                own_ball_errors: Vec::new(),
-                team_ball_errors: Vec::new(),
+                ball_errors: BallErrors::default(),
+                far_ball_errors: BallErrors::default(),
                 recorder,
                 error: None,
             });
@@ -176,8 +188,10 @@ impl MultiRobotSimulation {
             Ok(RobotSummary {
                 robot: index + 1,
                 summary: player.statistics.summary(),
-                own_far_ball_m: score::sample_statistics(player.own_ball_errors),
-                team_far_ball_m: score::sample_statistics(player.team_ball_errors),
+                own_ball_m: score::sample_statistics(player.ball_errors.own),
+                team_ball_m: score::sample_statistics(player.ball_errors.team),
+                own_far_ball_m: score::sample_statistics(player.far_ball_errors.own),
+                team_far_ball_m: score::sample_statistics(player.far_ball_errors.team),
                 messages: player.team_link.counts().received,
             })
         };
@@ -261,20 +275,27 @@ impl MultiRobotSimulation {
             let Some(ball) = cycle.inputs.truth.as_ref().and_then(|truth| truth.ball) else {
                 continue;
             };
+            player.ball_errors.add_cycle(&cycle, ball);
             if places
                 .iter()
-                .any(|at| at.distance_to(ball) <= FAR_BALL_DISTANCE)
+                .all(|at| at.distance_to(ball) > FAR_BALL_DISTANCE)
             {
-                continue;
+                player.far_ball_errors.add_cycle(&cycle, ball);
             }
-            let own = cycle.world.ball.and_then(|ball| ball.on_field);
-            let own = own.map(|own| f64::from(own.at.distance_to(ball)));
-            let team = cycle.team.ball.as_ref();
-            let team = team.map(|team| f64::from(team.at.distance_to(ball)));
-            player.own_ball_errors.extend(own);
-            player.team_ball_errors.extend(team);
         }
         Ok(())
+    }
+}
+
+impl BallErrors {
+    /// Adds the robot's and the team's ball, where they are known, of a cycle with the ball at `truth`.
+    fn add_cycle(&mut self, cycle: &Cycle, truth: At<FieldFrame>) {
+        let own = cycle.world.ball.and_then(|ball| ball.on_field);
+        let own = own.map(|own| f64::from(own.at.distance_to(truth)));
+        let team = cycle.team.ball.as_ref();
+        let team = team.map(|team| f64::from(team.at.distance_to(truth)));
+        self.own.extend(own);
+        self.team.extend(team);
     }
 }
 
@@ -388,30 +409,42 @@ fn log_path(log: &Path, index: usize) -> PathBuf {
 
 /// Prints the results of all robots.
 pub fn print(summaries: &[RobotSummary]) {
-    println!("robot  frames  tracking  position  heading  far ball: own  team  messages");
+    println!("{}", table(summaries));
+}
+
+/// One row for each robot: mean errors in metres and degrees.
+fn table(summaries: &[RobotSummary]) -> String {
+    let mut lines = vec![
+        "robot  frames  tracking  position  heading  ball: own    team  far: own    team  messages"
+            .to_owned(),
+    ];
     for robot in summaries {
-        let mean = |statistics: &Option<SampleStatistics>| {
-            statistics.as_ref().map_or("-".to_owned(), |statistics| {
-                format!("{:.3} m", statistics.mean)
-            })
-        };
         let summary = &robot.summary;
-        let heading = summary.heading_error_rad.as_ref();
-        println!(
-            "{:>5} {:>7} {:>9} {:>9} {:>8} {:>14} {:>8} {:>6}",
+        let mean = |statistics: Option<SampleStatistics>, decimals, unit, scale: f64| {
+            let mean = statistics.map(|statistics| scale * statistics.mean);
+            let unit = if mean.is_some() { unit } else { "" };
+            format!("{}{unit}", figure(mean, decimals))
+        };
+        let metres = |statistics| mean(statistics, 3, " m", 1.0);
+        let degrees = |statistics| mean(statistics, 2, "°", 1f64.to_degrees());
+        lines.push(format!(
+            "{:>5} {:>7} {:>9} {:>9} {:>8} {:>10} {:>7} {:>9} {:>7} {:>9}",
             robot.robot,
             summary.frames,
             summary.tracking,
-            mean(&summary.position_error_m),
-            heading.map_or("-".to_owned(), |statistics| format!(
-                "{:.2}°",
-                statistics.mean.to_degrees()
-            )),
-            mean(&robot.own_far_ball_m),
-            mean(&robot.team_far_ball_m),
+            metres(summary.position_error_m),
+            degrees(summary.heading_error_rad),
+            metres(robot.own_ball_m),
+            metres(robot.team_ball_m),
+            metres(robot.own_far_ball_m),
+            metres(robot.team_far_ball_m),
             robot.messages
-        );
+        ));
     }
+    lines.push(format!(
+        "means; far: while the ball is more than {FAR_BALL_DISTANCE} m from every robot"
+    ));
+    lines.join("\n")
 }
 
 #[cfg(test)]

@@ -199,3 +199,20 @@ fn each_of_several_robots_has_as_many_images_as_a_single_robot() {
     };
     assert_eq!(summary.frames, 6);
 }
+
+#[test]
+fn ball_is_scored_at_all_distances_and_far_ones_on_their_own() {
+    let near = toml::toml! { ball = { position = [-3.0, 0.0] } };
+    let robots = robots_of(run_briefly(near).1);
+    let first = &robots[0];
+    assert!(first.own_ball_m.is_some() && first.own_far_ball_m.is_none());
+    let far = robots_of(run_briefly(toml::Table::new()).1);
+    let first = &far[0];
+    assert!(first.own_ball_m.is_some() && first.own_ball_m == first.own_far_ball_m);
+    for (robots, absent) in [(&robots, true), (&far, false)] {
+        let table = table(robots);
+        assert!(table.contains("more than 4 m from every robot"), "{table}");
+        let row = table.lines().nth(1).expect("a robot");
+        assert_eq!(row.contains('–'), absent, "{table}");
+    }
+}
