@@ -29,6 +29,7 @@ use crate::pipeline::Pipeline;
 use crate::sample::Sample;
 use crate::score::summary::{RunStatistics, Summary, figure};
 use crate::score::{self, SampleStatistics};
+use crate::setup::Setup;
 use crate::simulation::{sample_from_sim, setup_from_sim};
 
 /// Period of synchronisation, in which a robot at 5 m/s moves 5 cm.
@@ -108,9 +109,7 @@ impl MultiRobotSimulation {
         let count = scenario.squad.len() + 1;
         let mut players = Vec::with_capacity(count);
         for index in 0..count {
-            let own = scenario_for_robot(scenario, index);
-            let (robot, field) = robot_and_field(&own)?;
-            let sim = Simulator::new(own, robot, field)?;
+            let sim = simulator_of_robot(scenario, index)?;
             let setup = setup_from_sim(&sim)?;
             let number = index as u32 + 1;
             let mut config = config.clone();
@@ -175,7 +174,7 @@ impl MultiRobotSimulation {
     pub fn run_observed(
         mut self,
         mut on_progress: impl FnMut(f64) -> Result<ControlFlow<()>>,
-        mut on_cycle: impl FnMut(usize, &Cycle),
+        mut on_cycle: impl FnMut(usize, &Arc<Cycle>),
     ) -> Result<Vec<RobotSummary>> {
         while self.now.seconds() < self.duration {
             self.tick(&mut on_cycle)?;
@@ -202,7 +201,7 @@ impl MultiRobotSimulation {
             .collect()
     }
 
-    fn tick(&mut self, on_cycle: &mut impl FnMut(usize, &Cycle)) -> Result<()> {
+    fn tick(&mut self, on_cycle: &mut impl FnMut(usize, &Arc<Cycle>)) -> Result<()> {
         self.now = Stamp(self.now.0 + SYNC_PERIOD.0);
         let (now, duration) = (self.now, self.duration);
         self.players
@@ -259,7 +258,7 @@ impl MultiRobotSimulation {
     fn score_robot(
         &mut self,
         index: usize,
-        on_cycle: &mut impl FnMut(usize, &Cycle),
+        on_cycle: &mut impl FnMut(usize, &Arc<Cycle>),
     ) -> Result<()> {
         let places = self.players.iter().map(|player| player.sim.truth());
         let places: Vec<_> = places.map(|truth| truth.robot.pose.origin()).collect();
@@ -388,10 +387,17 @@ fn scenario_for_robot(scenario: &Scenario, index: usize) -> Scenario {
     own
 }
 
-fn robot_and_field(scenario: &Scenario) -> Result<(localize::robot::RobotConfig, localize::Field)> {
-    let robot = localize::robot::RobotConfig::load(&scenario.robot)?;
-    let field = localize::Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
-    Ok((robot, field))
+/// The simulation of robot `index`.
+fn simulator_of_robot(scenario: &Scenario, index: usize) -> Result<Simulator> {
+    let own = scenario_for_robot(scenario, index);
+    let robot = localize::robot::RobotConfig::load(&own.robot)?;
+    let field = localize::Field::load(own.field.as_ref().unwrap_or(&robot.field))?;
+    Ok(Simulator::new(own, robot, field)?)
+}
+
+/// Setup of the first robot.
+pub fn first_setup(scenario: &Scenario) -> Result<Setup> {
+    setup_from_sim(&simulator_of_robot(scenario, 0)?)
 }
 
 /// `game.mcap`, `game-2.mcap`, `game-3.mcap`, …

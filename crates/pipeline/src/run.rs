@@ -1,6 +1,7 @@
 //! One run from its first sample to its summary: a scenario or a recording folder. Commands and the Python package call
 //! these functions, so that both give the same bits.
 
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -19,7 +20,7 @@ use crate::cycle::Cycle;
 use crate::image_faults::ImageFaults;
 use crate::log::{LogConfig, LogStats, Recorder, start_log};
 use crate::misplaced_images::MisplacedImages;
-use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
+use crate::multi_robot::{self, MultiRobotSimulation, RobotSummary};
 use crate::pipeline::Pipeline;
 use crate::pose_leaps::PoseLeaps;
 use crate::recording::Recording;
@@ -58,7 +59,7 @@ pub struct ScenarioRun {
 pub struct Progress<'a> {
     /// Simulated seconds.
     pub seconds: f64,
-    /// The cycle that just ended; `None` in a run of several robots.
+    /// The cycle that just ended; in a run of several robots the first robot's, if one ended.
     pub cycle: Option<&'a Arc<Cycle>>,
 }
 
@@ -115,6 +116,24 @@ impl ScenarioRun {
     /// True if the scenario has several robots of ours.
     pub fn is_multi_robot(&self) -> bool {
         !self.scenario.squad.is_empty()
+    }
+
+    /// Setup of the robot, or of the first of several.
+    pub fn setup(&self) -> Result<Setup> {
+        if self.is_multi_robot() {
+            return multi_robot::first_setup(&self.scenario);
+        }
+        self.single_simulation()?.setup()
+    }
+
+    fn single_simulation(&self) -> Result<Simulation> {
+        let options = &self.options;
+        Simulation::with_overrides(
+            &options.scenario,
+            &options.changes,
+            options.seed,
+            options.duration,
+        )
     }
 
     /// Runs to the end or until `on_progress` breaks off; either way the log is complete.
@@ -185,13 +204,8 @@ struct SingleRobotOutcome {
 
 impl SingleRobotRun {
     fn new(run: ScenarioRun) -> Result<Self> {
+        let simulation = run.single_simulation()?;
         let options = run.options;
-        let simulation = Simulation::with_overrides(
-            &options.scenario,
-            &options.changes,
-            options.seed,
-            options.duration,
-        )?;
         let setup = simulation.setup()?;
         let pipeline = Pipeline::new(&setup, &options.config)?;
         let source = format!("sim {}", options.scenario.display());
@@ -253,12 +267,25 @@ fn run_robots(
     simulation: MultiRobotSimulation,
     mut on_progress: impl FnMut(Progress<'_>) -> Result<ControlFlow<()>>,
 ) -> Result<RunScores> {
-    let robots = simulation.run(|seconds| {
-        on_progress(Progress {
-            seconds,
-            cycle: None,
-        })
-    })?;
+    // Cycles of the first robot since the last progress.
+    let cycles = RefCell::new(Vec::new());
+    let robots = simulation.run_observed(
+        |seconds| {
+            let new = cycles.take();
+            let new = new.iter().map(Some);
+            for cycle in new.chain([None]) {
+                if on_progress(Progress { seconds, cycle })?.is_break() {
+                    return Ok(ControlFlow::Break(()));
+                }
+            }
+            Ok(ControlFlow::Continue(()))
+        },
+        |robot, cycle| {
+            if robot == 0 {
+                cycles.borrow_mut().push(cycle.clone());
+            }
+        },
+    )?;
     Ok(RunScores::MultiRobot { robots })
 }
 

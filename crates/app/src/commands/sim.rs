@@ -24,8 +24,6 @@ use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::multi_robot;
 use pipeline::result_files::CsvOutputs;
 use pipeline::run::{RunScores, ScenarioOptions, ScenarioRun};
-#[cfg(feature = "view")]
-use pipeline::simulation::Simulation;
 use pipeline::{Cycle, PipelineConfig};
 
 /// Run a scenario headless, as fast as possible.
@@ -150,15 +148,18 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     interrupt::install_handler()?;
     #[cfg(feature = "view")]
     if args.view {
-        let changes = overrides::parse_overrides(&args.set)?;
-        let simulation = Simulation::with_overrides(&args.scenario, &changes, args.seed, None)?;
-        let setup = simulation.setup()?;
-        let config = load_config(args)?;
-        let name = format!("sim {}", args.scenario.display());
+        let run = load_run(args)?;
+        let (setup, config) = (run.setup()?, load_config(args)?);
+        let robot = if run.is_multi_robot() {
+            " (robot 1)"
+        } else {
+            ""
+        };
+        let name = format!("sim {}{robot}", args.scenario.display());
         // The window stays open on the last cycle.
         return view::run_with_window(&name, (setup, config), AfterRun::KeepOpen, |feed| {
             let started = Instant::now();
-            play(args, json, |cycle| {
+            play(run, args, json, |cycle| {
                 // At most real time, for the person who watches.
                 let ahead = cycle.stamp.seconds() - started.elapsed().as_secs_f64();
                 std::thread::sleep(Duration::from_secs_f64(ahead.clamp(0.0, 1.0)));
@@ -166,7 +167,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             })
         });
     }
-    play(args, json, |_| {})
+    play(load_run(args)?, args, json, |_| {})
 }
 
 /// The pipeline's settings: preset, overlay file, single values.
@@ -175,8 +176,8 @@ fn load_config(args: &Args) -> Result<PipelineConfig> {
     apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)
 }
 
-/// Runs the scenario; `on_cycle` gets every cycle of a single robot.
-fn play(args: &Args, json: bool, mut on_cycle: impl FnMut(&Arc<Cycle>)) -> Result<()> {
+/// Reads and checks the scenario.
+fn load_run(args: &Args) -> Result<ScenarioRun> {
     let log_config = LogConfig {
         images: args.images,
         ..LogConfig::default()
@@ -194,6 +195,16 @@ fn play(args: &Args, json: bool, mut on_cycle: impl FnMut(&Arc<Cycle>)) -> Resul
         "--out and --truth need a single robot: {} has several. Use --record",
         args.scenario.display()
     );
+    Ok(run)
+}
+
+/// Runs the scenario; `on_cycle` gets every cycle of the robot, or of the first of several.
+fn play(
+    run: ScenarioRun,
+    args: &Args,
+    json: bool,
+    mut on_cycle: impl FnMut(&Arc<Cycle>),
+) -> Result<()> {
     let mut outputs = CsvOutputs::create(args.out.as_deref(), None, None)?;
     let header = "stamp_s,x_m,y_m,theta_rad";
     let mut truths = args

@@ -201,6 +201,14 @@ fn each_of_several_robots_has_as_many_images_as_a_single_robot() {
 }
 
 #[test]
+fn progress_of_several_robots_shows_the_first_one() {
+    let (shown, _) = run_briefly(toml::Table::new());
+    let (alone, _) = run_briefly(toml::toml! { squad = [] });
+    assert_eq!(shown.len(), 6);
+    assert_eq!(shown, alone);
+}
+
+#[test]
 fn ball_is_scored_at_all_distances_and_far_ones_on_their_own() {
     let near = toml::toml! { ball = { position = [-3.0, 0.0] } };
     let robots = robots_of(run_briefly(near).1);
