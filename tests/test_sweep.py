@@ -108,6 +108,16 @@ def test_ball_that_is_never_found_has_no_error(tmp_path: Path) -> None:
     assert table["ball.error_m"].isna().all() and table["ball.found"].eq(0).all()
 
 
+def test_team_is_refused_where_one_robot_is_simulated(tmp_path: Path) -> None:
+    squad = ROOT / "config/scenarios/squad.toml"
+    with pytest.raises(ValueError, match=r"squad: 4 more robots .*mirrorball\.simulate"):
+        mirrorball.Simulation(squad)
+    alone = mirrorball.Simulation(squad, change={"squad": []}, images=False)
+    assert alone.step().truth.pose.x_m == pytest.approx(-4.6, abs=0.05)
+    done = subprocess.run([PROGRAM, "sim", squad, "--hardware", tmp_path], capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "squad: 4 more robots" in done.stderr, done.stderr
+
+
 def test_simulations_in_threads_give_the_same_results() -> None:
     def error(_: int) -> float:
         return float(mirrorball.simulate(SCENARIO, seed=5, duration_s=0.3)["position_error_m"]["mean"])

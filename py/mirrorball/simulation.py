@@ -169,6 +169,8 @@ class Simulation:
     `change`: values in place of the scenario's, by dotted key. `images=False` renders none: much faster, with truth at the
     camera's rate. Equal seeds and commands give equal samples.
 
+    ValueError for an invalid scenario, and for one of several robots (`squad`), which `simulate` runs.
+
     Examples:
         >>> simulation = Simulation("config/scenarios/tracks_18x12.toml", seed=1)  # doctest: +SKIP
         >>> pipeline = simulation.pipeline()  # doctest: +SKIP

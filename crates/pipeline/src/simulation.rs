@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use localize::Field;
 use localize::advice::{Advice, MotionAdvice};
 use localize::omni::Twist;
@@ -61,21 +61,19 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Reads a scenario. `seed` and `duration` (seconds) override those of the file.
+    /// Reads a scenario of a single robot. `seed` and `duration` (seconds) override those of the file.
     pub fn load(scenario: &Path, seed: Option<u64>, duration: Option<f64>) -> Result<Self> {
-        let sim = Simulator::load(scenario, seed)?;
-        let duration = duration.unwrap_or(sim.scenario().duration);
-        Ok(Simulation { sim, duration })
+        Simulation::with_overrides(scenario, &toml::Table::new(), seed, duration)
     }
 
-    /// Reads a scenario. The values of `overrides` replace those of the file, table by table.
+    /// Reads a scenario of a single robot. The values of `overrides` replace those of the file, table by table.
     pub fn with_overrides(
         scenario: &Path,
         overrides: &toml::Table,
         seed: Option<u64>,
         duration: Option<f64>,
     ) -> Result<Self> {
-        let (scenario, robot) = load_scenario_with_overrides(scenario, overrides, seed)?;
+        let (scenario, robot) = load_single_robot_scenario(scenario, overrides, seed)?;
         let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
         let duration = duration.unwrap_or(scenario.duration);
         let sim = Simulator::new(scenario, robot, field)?;
@@ -262,6 +260,23 @@ pub fn load_scenario_with_overrides(
     })
 }
 
+/// The same for where one robot is simulated: a scenario with a `[[squad]]` is refused.
+pub fn load_single_robot_scenario(
+    path: &Path,
+    overrides: &toml::Table,
+    seed: Option<u64>,
+) -> Result<(Scenario, RobotConfig)> {
+    let (scenario, robot) = load_scenario_with_overrides(path, overrides, seed)?;
+    ensure!(
+        scenario.squad.is_empty(),
+        "{}: squad: {} more robots (expected none where one robot is simulated). `mirrorball sim` and `mirrorball.simulate` \
+         simulate all and record a log of each; [[others.placed]] places robots without sensors",
+        path.display(),
+        scenario.squad.len()
+    );
+    Ok((scenario, robot))
+}
+
 /// All values of a table as `key.key = value`.
 fn dotted_keys(table: &toml::Table) -> Vec<String> {
     let of_entry = |(key, value): (&String, &toml::Value)| match value {
@@ -411,6 +426,23 @@ mod tests {
             expected_log_odds: 3.0,
         });
         advised_twist(Some(advice), &path)
+    }
+
+    #[test]
+    fn scenario_of_several_robots_is_refused_where_one_is_simulated() {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios");
+        let squad = Simulation::load(&config.join("squad.toml"), None, None);
+        let message = format!("{:#}", squad.err().expect("refused"));
+        for part in [
+            "squad.toml: squad: 4 more robots",
+            "`mirrorball sim`",
+            "[[others.placed]]",
+        ] {
+            assert!(message.contains(part), "{message}");
+        }
+        let alone = toml::toml! { squad = [] };
+        Simulation::with_overrides(&config.join("squad.toml"), &alone, None, None)
+            .expect("one robot");
     }
 
     #[test]

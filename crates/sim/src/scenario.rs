@@ -48,7 +48,8 @@ pub struct Scenario {
     /// The other robots.
     #[serde(default)]
     pub others: OthersConfig,
-    /// Our other robots, each with its own vision and localization. They use the same robot file.
+    /// Our other robots, each with its own vision and localization. They use the same robot file. Only `sim`, Python's
+    /// `simulate` and experiments run several robots; all else refuses a scenario with them.
     #[serde(default)]
     pub squad: Vec<TeammateConfig>,
     /// Radio link between our robots.

@@ -9,7 +9,6 @@ use anyhow::{Result, ensure};
 use hw::config::Bus;
 use localize::Field;
 use sim::Simulator;
-use sim::scenario::Scenario;
 
 use crate::commands::arguments;
 use crate::commands::inputs::Inputs;
@@ -24,6 +23,7 @@ use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::multi_robot;
 use pipeline::result_files::CsvOutputs;
 use pipeline::run::{RunScores, ScenarioOptions, ScenarioRun};
+use pipeline::simulation::load_single_robot_scenario;
 use pipeline::{Cycle, PipelineConfig};
 
 /// Run a scenario headless, as fast as possible.
@@ -111,8 +111,8 @@ fn ensure_inputs_kept(args: &Args) -> Result<()> {
 
 /// Simulates the hardware; without --duration until a signal.
 fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
-    let (mut scenario, robot) = Scenario::load(&args.scenario)?;
-    scenario.seed = args.seed.unwrap_or(scenario.seed);
+    let (mut scenario, robot) =
+        load_single_robot_scenario(&args.scenario, &toml::Table::new(), args.seed)?;
     if let Some(rate) = args.rate {
         scenario.frame_rate_hz = f64::from(rate);
     }

@@ -6,7 +6,7 @@ mod sense;
 use std::collections::VecDeque;
 use std::path::PathBuf;
 
-use localize::field::{Field, FieldError};
+use localize::field::Field;
 use localize::frames::Pose;
 use localize::omni::{OmniError, Twist};
 use localize::robot::{CameraConfig, CameraSection, RobotConfig};
@@ -24,7 +24,7 @@ use crate::path_follower::PathFollower;
 use crate::people::{People, Person};
 use crate::render::{CameraMotion, Renderer, RendererConfig};
 use crate::rocking::Rocking;
-use crate::scenario::{FaultKind, Scenario, ScenarioError};
+use crate::scenario::{FaultKind, Scenario};
 use crate::sector::Sector;
 use crate::sensors::{CompassModel, ImuModel};
 use crate::world::{BallState, RobotState, STEP, STEP_NANOSECONDS, SimWorld};
@@ -96,12 +96,6 @@ pub struct SimTruth {
 /// Why a simulation cannot be set up.
 #[derive(Debug, thiserror::Error)]
 pub enum SimError {
-    /// The scenario or robot file.
-    #[error(transparent)]
-    Scenario(#[from] ScenarioError),
-    /// The field file.
-    #[error(transparent)]
-    Field(#[from] FieldError),
     /// The mirror's profile.
     #[error(transparent)]
     Profile(#[from] ProfileError),
@@ -200,14 +194,6 @@ impl SampleTimer {
 }
 
 impl Simulator {
-    /// Reads a scenario and the files that it names; `seed` overrides the scenario's.
-    pub fn load(path: &std::path::Path, seed: Option<u64>) -> Result<Self, SimError> {
-        let (mut scenario, robot) = Scenario::load(path)?;
-        scenario.seed = seed.unwrap_or(scenario.seed);
-        let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
-        Simulator::new(scenario, robot, field)
-    }
-
     /// Sets up a simulation. The robot needs a camera and a mirror profile.
     #[expect(
         clippy::too_many_lines,
