@@ -192,10 +192,10 @@ impl Simulation {
         preset: &Bound<'_, PyAny>,
         config: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Pipeline> {
-        let setup = arguments::exclusive(slf)?
-            .0
-            .setup()
-            .map_err(|error| errors::from_anyhow(&error))?;
+        let mut this = arguments::exclusive(slf)?;
+        let simulation = &mut this.0;
+        let setup =
+            detached(py, || simulation.setup()).map_err(|error| errors::from_anyhow(&error))?;
         Pipeline::from_setup(py, &setup, preset, config)
     }
 }
