@@ -3,9 +3,10 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
+use pipeline::csv_table::format_seconds;
 use pipeline::log::{EncodedImage, ImageCompression, LogCompleteness, LogReader, UnpackedSetup};
 use serde::Serialize;
 use vision::output_file::OutputFile;
@@ -47,8 +48,16 @@ pub(crate) fn export(mut log: LogReader, path: &Path) -> Result<BagSummary> {
         .camera
         .as_ref()
         .and_then(|camera| camera.height);
+    let mut last_index = None;
     for (index, logged) in log.by_ref().enumerate() {
         let logged = logged?;
+        // The frame `odom` adds up the motion of cycle after cycle.
+        ensure!(
+            last_index.replace(logged.index) <= Some(logged.index),
+            "the log's messages are out of order: the cycle at {} s stands behind a later one. \
+             Export it as a recording folder (--format recording)",
+            format_seconds(logged.cycle.stamp)
+        );
         let stamp_ns = converter.time_ns(logged.cycle.stamp);
         if index == 0 {
             let on_field = header(stamp_ns, &frames.map);

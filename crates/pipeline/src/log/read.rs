@@ -90,6 +90,8 @@ impl TopicKind {
 #[derive(Default)]
 pub struct CycleAssembler {
     image: Option<(u64, EncodedImage)>,
+    /// An image was not followed by its cycle.
+    lost_image: bool,
 }
 
 impl CycleAssembler {
@@ -101,7 +103,10 @@ impl CycleAssembler {
         data: &[u8],
     ) -> Result<Option<LoggedCycle>> {
         match topic {
-            TopicKind::Image => self.image = Some((log_time, decode_compressed_image(data)?)),
+            TopicKind::Image => {
+                let image = decode_compressed_image(data)?;
+                self.lost_image |= self.image.replace((log_time, image)).is_some();
+            }
             TopicKind::Cycle => return self.assemble_cycle(log_time, data).map(Some),
             TopicKind::Other => {}
         }
@@ -113,11 +118,12 @@ impl CycleAssembler {
         let message = wire::Cycle::decode(data)?;
         let index = message.index;
         // A recovered log may lack the image's chunk, and a slow viewer the image.
-        let image = self
-            .image
-            .take()
-            .filter(|(time, _)| *time == log_time)
-            .map(|(_, image)| image);
+        let last = self.image.take();
+        let image = last.filter(|(time, _)| {
+            self.lost_image |= *time != log_time;
+            *time == log_time
+        });
+        let image = image.map(|(_, image)| image);
         let cycle = convert::cycle_from_wire(message)?;
         Ok(LoggedCycle {
             index,
@@ -184,6 +190,15 @@ impl LogReader {
     /// How the log ended. None before the end is read.
     pub fn end(&self) -> Option<LogCompleteness> {
         self.stream.end()
+    }
+
+    /// True if some of the images that were read up to now do not stand in front of their cycles.
+    pub(super) fn has_displaced_images(&self) -> bool {
+        self.assembler.lost_image || self.assembler.image.is_some()
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
     }
 
     fn read_next(&mut self) -> Result<Option<LoggedCycle>> {

@@ -1,26 +1,38 @@
 //! Tests of logs that other programs have written again: order of records, repetitions, sizes of chunks.
 
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
-use mcap::{Attachment, WriteOptions};
+use mcap::{Attachment, Message, WriteOptions};
 
 use crate::log::columns::TopicReader;
-use crate::log::{Header, LogConfig, LogIndex, LogReader, recover};
+use crate::log::{Header, LogConfig, LogIndex, LogReader, export, recover};
 use crate::testing::{read, read_error, record};
 
 /// Writes a log again: its messages, each `times` times in a row, and then its metadata and attachments.
 fn rewrite(from: &Path, to: &Path, options: WriteOptions, times: usize) {
+    rewrite_in_order(from, to, options, |messages| {
+        let repeated = |message| std::iter::repeat_n(message, times);
+        messages.into_iter().flat_map(repeated).collect()
+    });
+}
+
+/// Writes a log again: its messages as `order` has them, and then its metadata and attachments.
+fn rewrite_in_order(
+    from: &Path,
+    to: &Path,
+    options: WriteOptions,
+    order: impl FnOnce(Vec<Message>) -> Vec<Message>,
+) {
     let bytes = std::fs::read(from).expect("a log");
     let summary = mcap::Summary::read(&bytes)
         .expect("readable")
         .expect("a summary");
     let file = std::io::BufWriter::new(std::fs::File::create(to).expect("a file"));
     let mut writer = options.create(file).expect("a writer");
-    for message in mcap::MessageStream::new(&bytes).expect("messages") {
-        let message = message.expect("a message");
-        for _ in 0..times {
-            writer.write(&message).expect("written");
-        }
+    let messages = mcap::MessageStream::new(&bytes).expect("messages");
+    for message in order(messages.collect::<Result<_, _>>().expect("messages")) {
+        writer.write(&message).expect("written");
     }
     for index in &summary.metadata_indexes {
         let metadata = mcap::read::metadata(&bytes, index).expect("metadata");
@@ -72,6 +84,56 @@ fn message_that_stands_twice_is_one_cycle() {
     assert!(indices.eq(0..20));
     let index = LogIndex::open(&twice).expect("an index");
     assert_eq!(index.load(0).expect("cycles").len(), 20);
+}
+
+/// The tables and images of a recording folder.
+fn content(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let parts = [folder.to_owned(), folder.join("frames")];
+    let entries = parts
+        .iter()
+        .flat_map(|part| part.read_dir().expect("a folder"));
+    let paths = entries.map(|entry| entry.expect("an entry").path());
+    let files = paths.filter(|path| path.is_file());
+    let inside = |path: &Path| path.strip_prefix(folder).expect("inside").to_owned();
+    files
+        .map(|path| (inside(&path), std::fs::read(path).expect("a file")))
+        .collect()
+}
+
+#[test]
+fn log_in_any_order_is_exported_as_the_log_in_its_own() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [path, other] = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    record(&path, 20, &LogConfig::default());
+    let exported = |log: &Path, name: &str| {
+        let out = folder.path().join(name);
+        let summary = export(LogReader::open(log).expect("a log"), &out).expect("exported");
+        (summary, content(&out))
+    };
+    let expected = exported(&path, "in order");
+    assert_eq!(expected.0.frames, 20);
+    type Order = fn(Vec<Message>) -> Vec<Message>;
+    let orders: [(&str, Order); 3] = [
+        ("backwards", |mut messages| {
+            messages.reverse();
+            messages
+        }),
+        ("topic by topic", |mut messages| {
+            messages.sort_by_key(|message| message.channel.topic.clone());
+            messages
+        }),
+        ("shuffled", |messages| {
+            let count = messages.len();
+            let places = (0..count).map(|place| (place * 7919 + 5) % count);
+            assert_eq!(places.clone().collect::<BTreeSet<_>>().len(), count);
+            places.map(|place| messages[place].clone()).collect()
+        }),
+    ];
+    for (name, order) in orders {
+        let options = WriteOptions::new().chunk_size(Some(20_000));
+        rewrite_in_order(&path, &other, options, order);
+        assert!(exported(&other, name) == expected, "{name}");
+    }
 }
 
 #[test]
