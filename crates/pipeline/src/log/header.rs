@@ -255,6 +255,10 @@ impl Header {
                     .is_some_and(|name| self.files.contains_key(name))
             };
             if let Some(value) = value.filter(|value| !is_inside(value)) {
+                if let Some(name) = value.as_str().filter(|name| !name.contains(['/', '\\'])) {
+                    let name = printable_line(name);
+                    bail!("the log has lost {name}, which its robot.toml names as {key}");
+                }
                 bail!(
                     "the log's robot.toml: {key} = {value} (expected the name of a file in the log)"
                 );

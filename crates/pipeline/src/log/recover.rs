@@ -1,6 +1,6 @@
 //! What can be recovered from a killed or damaged log? Every complete record, in a file with index and summary.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
@@ -11,6 +11,8 @@ use vision::output_file::OutputFile;
 
 use super::mcap_records::{DamagedRange, LogCompleteness, RecordReader};
 use super::summary::intact_summary;
+use crate::config::PIPELINE_FILE;
+use crate::message_text::printable_line;
 
 /// Result of a recovery.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,7 +21,7 @@ pub struct RecoverySummary {
     pub messages: u64,
     /// Time of the latest message. None if there is no message.
     pub until: Option<Stamp>,
-    /// Unreadable parts of the file, each with its reason.
+    /// Unreadable parts of the log, each with its reason, and files of the run's set-up, each with what needs it.
     pub lost: Vec<String>,
     /// True if the log was complete and undamaged.
     pub was_whole: bool,
@@ -77,6 +79,7 @@ fn copy_records(
         writer: options.create(file)?,
         schemas: HashMap::new(),
         channels: HashMap::new(),
+        files: BTreeSet::new(),
         summary,
     };
     let mut strays = 0_u64;
@@ -102,6 +105,7 @@ fn copy_records(
             .lost
             .push(format!("{strays} records whose channel was in a lost part"));
     }
+    recovered.lost.extend(copy.lost_files());
     recovered.was_whole =
         stream.end() == Some(LogCompleteness::Complete) && recovered.lost.is_empty();
     copy.writer.write_metadata(&mcap::records::Metadata {
@@ -127,7 +131,9 @@ struct LogCopier {
     writer: Writer<OutputFile>,
     schemas: HashMap<u16, u16>,
     channels: HashMap<u16, u16>,
-    /// Schemas and channels whose records in the data are lost.
+    /// Names of the attachments that were copied.
+    files: BTreeSet<String>,
+    /// Schemas and channels whose records in the data are lost, and the names of all attachments.
     summary: mcap::Summary,
 }
 
@@ -175,17 +181,36 @@ impl LogCopier {
                 )?;
                 return Ok(CopiedRecord::Message(log_time));
             }
-            Record::Attachment { header, data, .. } => self.writer.attach(&Attachment {
-                log_time: header.log_time,
-                create_time: header.create_time,
-                name: header.name,
-                media_type: header.media_type,
-                data,
-            })?,
+            Record::Attachment { header, data, .. } => {
+                self.files.insert(header.name.clone());
+                self.writer.attach(&Attachment {
+                    log_time: header.log_time,
+                    create_time: header.create_time,
+                    name: header.name,
+                    media_type: header.media_type,
+                    data,
+                })?;
+            }
             Record::Metadata(metadata) => self.writer.write_metadata(&metadata)?,
             _ => {}
         }
         Ok(CopiedRecord::Other)
+    }
+
+    /// The attachments that the summary lists and the data no longer hold, each with what needs it.
+    fn lost_files(&self) -> Vec<String> {
+        let all = self.summary.attachment_indexes.iter();
+        let names: BTreeSet<&String> = all.map(|attachment| &attachment.name).collect();
+        let lost = names.into_iter().filter(|name| !self.files.contains(*name));
+        lost.map(|name| {
+            let effect = if name == PIPELINE_FILE {
+                "replay takes the default settings, by which estimates may differ"
+            } else {
+                "replay, doctor and calibrate cannot use the log without it, and the view shows no field"
+            };
+            format!("{}, a file of the set-up: {effect}", printable_line(name))
+        })
+        .collect()
     }
 
     /// The copy's number of a schema. None if its record is lost, and the summary does not have it.

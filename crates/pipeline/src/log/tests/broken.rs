@@ -8,7 +8,8 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::feed::Pace;
 use crate::log::{
-    Header, ImageCompression, LogCompleteness, LogConfig, LogIndex, LogReader, Recorder, recover,
+    Header, ImageCompression, LogCompleteness, LogConfig, LogIndex, LogReader, Recorder,
+    UnpackedSetup, recover,
 };
 use crate::testing::{field, random_cycle, read, read_error, record};
 
@@ -186,6 +187,37 @@ fn log_that_ends_within_a_file_of_its_set_up_is_called_truncated() {
             .contains("is truncated within the files of its set-up"),
         "{error:#}"
     );
+}
+
+#[test]
+fn lost_file_of_the_set_up_is_named_with_what_needs_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, whole) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    record(&path, 3, &LogConfig::default());
+    let mut bytes = std::fs::read(&path).expect("bytes");
+    let summary = mcap::Summary::read(&bytes).expect("readable").expect("one");
+    let files = &mut summary.attachment_indexes.iter();
+    let field = files.find(|file| file.name == "field.toml");
+    let field = field.expect("an attachment");
+    bytes[(field.offset + field.length) as usize - 20] ^= 1;
+    std::fs::write(&path, &bytes).expect("damaged");
+    let recovered = recover(&path, &whole).expect("recovered");
+    assert!(!recovered.was_whole);
+    let [damage, file] = &recovered.lost[..] else {
+        panic!("{:?}", recovered.lost)
+    };
+    assert!(damage.contains("CRC"), "{damage}");
+    assert!(
+        file.starts_with("field.toml, a file of the set-up: replay"),
+        "{file}"
+    );
+    let log = LogReader::open(&whole).expect("a log");
+    let error = UnpackedSetup::load(log.header()).err().expect("no field");
+    assert_eq!(
+        error.to_string(),
+        "the log has lost field.toml, which its robot.toml names as field"
+    );
+    assert_eq!(read(&whole).len(), 3);
 }
 
 #[test]
