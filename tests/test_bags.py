@@ -384,6 +384,31 @@ def test_exported_bag_is_imported_again(game: Path, tmp_path: Path) -> None:
     odometry, original = rows(again / "odometry.csv"), rows(folder / "odometry.csv")[1:]
     for row, expected in zip(odometry, original, strict=True):
         assert float(row["dtheta_rad"]) == pytest.approx(float(expected["dtheta_rad"]), abs=1e-6)
+    headings = [[(row["stamp_s"], row["heading_rad"]) for row in rows(path / "compass.csv")] for path in (again, folder)]
+    assert len(headings[0]) > 10
+    imported, exported = (np.array(one, dtype=np.float32) for one in headings)
+    assert np.array_equal(imported, exported)
+
+
+def test_headings_of_an_own_bag_are_found_with_their_magnetic_field(tmp_path: Path) -> None:
+    bag = BagFile(tmp_path, "mcap")
+    heading = bag.make("geometry_msgs/QuaternionStamped", header=bag.header(START_NS, "map"), quaternion=bag.yaw(-2.0))
+    field = bag.make(
+        "sensor_msgs/MagneticField",
+        header=bag.header(START_NS, "base_link"),
+        magnetic_field=bag.vector(0.5, -0.25, 0.0),
+        magnetic_field_covariance=np.zeros(9),
+    )
+    bag.write("/compass", START_NS, "geometry_msgs/QuaternionStamped", heading)
+    bag.write("/magnetic_field", START_NS, "sensor_msgs/MagneticField", field)
+    path = bag.close()
+    done = mirrorball("import", path, tmp_path / "both")
+    assert "calibrate compass" not in done.stdout
+    (compass,), (magnetometer,) = rows(tmp_path / "both/compass.csv"), rows(tmp_path / "both/magnetometer.csv")
+    assert float(compass["heading_rad"]) == pytest.approx(-2.0) and compass["stamp_s"] == magnetometer["stamp_s"]
+    assert (float(magnetometer["x"]), float(magnetometer["y"])) == (0.5, -0.25)
+    done = mirrorball("import", path, tmp_path / "field", "--compass", "/magnetic_field")
+    assert "calibrate compass" in done.stdout and not (tmp_path / "field/compass.csv").exists()
 
 
 def test_export_needs_the_name_of_a_bag_and_keeps_the_log(game: Path, tmp_path: Path) -> None:

@@ -86,7 +86,10 @@ def import_bag(
 
 def _writer(role: str, topic: BagTopic, folder: Path, rotations: StaticRotations, base: str | None) -> TableWriter:
     kind = "magnetometer" if topic.type == "sensor_msgs/msg/MagneticField" else role
-    return CONVERTERS[kind](folder, topic, rotations, base)
+    writer = CONVERTERS[kind](folder, topic, rotations, base)
+    if role == "compass" and kind == "magnetometer":
+        writer.note("make compass.csv of it by `mirrorball calibrate compass`")
+    return writer
 
 
 def _static_rotations(reader: Any) -> StaticRotations:

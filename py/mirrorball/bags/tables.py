@@ -157,7 +157,6 @@ class MagnetometerWriter(TableWriter):
         x, y, _ = self.in_robot_axes(message.header.frame_id) @ (field.x, field.y, field.z)
         if not (math.isfinite(x) and math.isfinite(y)):
             raise ValueError("a value that is not finite")
-        self.note("make compass.csv of it by `mirrorball calibrate compass`")
         return f"{float(x)!r},{float(y)!r}"
 
 

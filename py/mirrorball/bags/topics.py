@@ -36,6 +36,9 @@ NAMED_ONLY: dict[str, tuple[str, ...]] = {
 }
 """Further types of a role, which a topic can have if it is named: by its type alone it could be anything."""
 
+OWN_COMPASS = ("/compass", "geometry_msgs/msg/QuaternionStamped")
+"""Name and type of the headings in a bag that Mirrorball wrote: they are found without being named."""
+
 
 @dataclass(frozen=True)
 class BagTopic:
@@ -67,6 +70,8 @@ def topics_of(reader: Any) -> list[BagTopic]:
         # Several types under one name: none of them is usable by name.
         type_name = info.msgtype or "several types"
         role = next((role for role, types in ROLES.items() if type_name in types), None)
+        if (name, type_name) == OWN_COMPASS:
+            role = "compass"
         found.append(BagTopic(name, type_name, int(info.msgcount), role))
     return found
 
@@ -79,7 +84,10 @@ def list_topics(bag: str | Path) -> list[BagTopic]:
 
 
 def choose_topics(topics: Iterable[BagTopic], selection: Selection) -> dict[str, BagTopic]:
-    """The topic of each role. ValueError: a name that is absent or of a wrong type, or several topics of a fitting type."""
+    """The topic of each role; "magnetometer" is that of a magnetic field beside headings.
+
+    ValueError: a name that is absent or of a wrong type, or several topics of a fitting type.
+    """
     by_name = {topic.name: topic for topic in topics}
     chosen: dict[str, BagTopic] = {}
     for role in (field.name for field in fields(Selection)):
@@ -98,6 +106,12 @@ def choose_topics(topics: Iterable[BagTopic], selection: Selection) -> dict[str,
             raise ValueError(f"several topics for {role}: {names}. Name one with --{role}, or none with --{role} ''")
         if found:
             chosen[role] = found[0]
+    own = by_name.get(OWN_COMPASS[0])
+    if selection.compass is None and own is not None and own.role == "compass" and own.messages > 0:
+        # The magnetic field belongs to the headings of the same stamps.
+        if "compass" in chosen:
+            chosen["magnetometer"] = chosen["compass"]
+        chosen["compass"] = own
     return chosen
 
 

@@ -134,6 +134,8 @@ impl BagWriter {
             Outgoing::Pose(message) => self.write("/pose", stamp_ns, message),
             Outgoing::Transforms(message) => self.write("/tf", stamp_ns, message),
             Outgoing::Imu(message) => self.write("/imu", stamp_ns, message),
+            Outgoing::Compass(message) => self.write("/compass", stamp_ns, message),
+            Outgoing::MagneticField(message) => self.write("/magnetic_field", stamp_ns, message),
             Outgoing::LinePoints(message) => self.write("/line_points", stamp_ns, message),
             Outgoing::Markers(message) => self.write("/markers", stamp_ns, message),
             Outgoing::Detections(message) => self.write("/detections", stamp_ns, message),

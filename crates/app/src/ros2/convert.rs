@@ -12,13 +12,13 @@ use super::frames::Frames;
 use super::markers;
 use super::messages::{
     BoundingBox3D, Byte, Bytes, Detection3D, Detection3DArray, DiagnosticArray, DiagnosticStatus,
-    Header, Imu, KeyValue, MarkerArray, ObjectHypothesis, ObjectHypothesisWithPose, Odometry,
-    PointCloud2, PointField, PoseWithCovariance, PoseWithCovarianceStamped, TFMessage,
-    TransformStamped, Twist, TwistWithCovariance, Vector3,
+    Header, Imu, KeyValue, MagneticField, MarkerArray, ObjectHypothesis, ObjectHypothesisWithPose,
+    Odometry, PointCloud2, PointField, PoseWithCovariance, PoseWithCovarianceStamped,
+    QuaternionStamped, TFMessage, TransformStamped, Twist, TwistWithCovariance, Vector3,
 };
 use super::odometry_frame::{OdometryFrame, PlanarPose};
 use super::primitives::{
-    covariance6, header, planar_pose_message, planar_transform, uncertain_pose,
+    covariance6, header, planar_pose_message, planar_transform, uncertain_pose, yaw,
 };
 
 /// `datatype` of a 32-bit float in a point cloud.
@@ -31,6 +31,8 @@ pub(crate) enum Outgoing {
     Pose(PoseWithCovarianceStamped),
     Transforms(TFMessage),
     Imu(Imu),
+    Compass(QuaternionStamped),
+    MagneticField(MagneticField),
     LinePoints(PointCloud2),
     Markers(MarkerArray),
     Detections(Detection3DArray),
@@ -100,6 +102,22 @@ impl MessageConverter {
         for sample in &cycle.inputs.imu {
             let stamp_ns = self.time_ns(sample.stamp);
             messages.push((stamp_ns, Outgoing::Imu(self.imu_message(sample, stamp_ns))));
+        }
+        for sample in &cycle.inputs.compass {
+            let stamp_ns = self.time_ns(sample.stamp);
+            let heading = QuaternionStamped {
+                header: header(stamp_ns, &self.frames.map),
+                quaternion: yaw(sample.heading.into()),
+            };
+            messages.push((stamp_ns, Outgoing::Compass(heading)));
+            if let Some([x, y]) = sample.magnetic_field.map(|field| field.map(f64::from)) {
+                let field = MagneticField {
+                    header: header(stamp_ns, &self.frames.base),
+                    magnetic_field: Vector3 { x, y, z: 0.0 },
+                    ..MagneticField::default()
+                };
+                messages.push((stamp_ns, Outgoing::MagneticField(field)));
+            }
         }
         if let Some(truth) = &cycle.inputs.truth {
             let stamp_ns = self.time_ns(truth.stamp);

@@ -17,6 +17,8 @@ messages! {
     geometry_msgs/Vector3 { x: f64, y: f64, z: f64 }
     /// Rotation.
     geometry_msgs/Quaternion { x: f64, y: f64, z: f64, w: f64 }
+    /// A rotation from the header's frame.
+    geometry_msgs/QuaternionStamped { header: Header, quaternion: Quaternion }
     /// Position and orientation.
     geometry_msgs/Pose { position: Point, orientation: Quaternion }
     /// Covariance of x, y, z and rotations about x, y, z.

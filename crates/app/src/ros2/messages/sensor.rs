@@ -17,6 +17,12 @@ messages! {
         linear_acceleration: Vector3,
         linear_acceleration_covariance: [f64; 9],
     }
+    /// Magnetic field.
+    sensor_msgs/MagneticField {
+        header: Header,
+        magnetic_field: Vector3,
+        magnetic_field_covariance: [f64; 9],
+    }
     /// A channel of a point cloud.
     sensor_msgs/PointField { name: String, offset: u32, datatype: u8, count: u32 }
     /// Points as bytes.

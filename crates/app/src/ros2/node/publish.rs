@@ -195,6 +195,8 @@ impl PublishLoop {
                     drop(state);
                     self.publish(&publishers.diagnostics, message);
                 }
+                // Bags hold them for `import`; the node has no topics for them.
+                Outgoing::Compass(_) | Outgoing::MagneticField(_) => {}
                 // A robot does not know the truth.
                 Outgoing::Truth(_) => {}
             }
