@@ -110,6 +110,45 @@ fn changed_share(map: &GroundMap, rgb: &[u8], row: usize) -> f32 {
     changed as f32 / count as f32
 }
 
+/// A wall of irregular vertical stripes that the camera sees in noise, brighter along the lower edge of a panel: rows 200 to 202.
+fn panel_on_a_wall(step: [u8; 3]) -> Image {
+    const SIDE_PX: usize = 480;
+    let mut seed = 1_u32;
+    let mut noise = || {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (seed >> 24) as u8
+    };
+    let stripes: Vec<u8> = (0..SIDE_PX).map(|_| noise() / 12).collect();
+    let mut rgb = Vec::new();
+    for row in 0..SIDE_PX {
+        for (column, stripe) in stripes.iter().enumerate() {
+            let edge = (row.checked_sub(200)).and_then(|below| step.get(below));
+            let edge = edge.filter(|_| (140..240).contains(&column));
+            let level = 184 - (row / 4) as u8 + stripe + noise() / 128;
+            rgb.extend([level + edge.copied().unwrap_or(0); 3]);
+        }
+    }
+    Image {
+        width_px: SIDE_PX,
+        height_px: SIDE_PX,
+        rgb,
+    }
+}
+
+#[test]
+fn edge_along_a_row_is_no_displacement_but_lost_pixels_are() {
+    let fault = |image: &Image| {
+        let (map, camera) = any_map(image);
+        let mut check = ImageCheck::new(&map, &camera, ImageCheckConfig::default());
+        check.check(Stamp::from_seconds(0.0), &image.view(), 0.0)
+    };
+    assert_eq!(fault(&panel_on_a_wall([36, 28, 18])), None);
+    let mut torn = panel_on_a_wall([0; 3]);
+    let (from, lost) = (3 * 200 * torn.width_px, 3 * 17);
+    torn.rgb.copy_within(from + lost.., from);
+    assert_eq!(fault(&torn), Some(ImageFault::Seam { row: 200 }));
+}
+
 /// Joined pictures of the repository's own images.
 const TRACED_PAIRS: usize = 16;
 

@@ -19,6 +19,9 @@ const EDGE_MAX: usize = 4;
 const DISPLACED_RATIO: f32 = 1.35;
 const DISPLACEMENT_MAX: usize = 100;
 const DISPLACED_SHARE: f32 = 0.5;
+/// Share of the difference that remains at most if the middle of the lower row is compared with the upper one, displaced back as far. An
+/// even wall fits any part of the lower row, but an edge along the lower row fits no part of the wall.
+const DISPLACED_BACK_SHARE: f32 = 0.75;
 /// Mean difference below which two rows show nothing that could be displaced, brightness levels.
 const DISPLACED_LEVEL: f32 = 6.0;
 /// Differences below this are noise or compression, brightness levels.
@@ -157,7 +160,9 @@ impl SeamFinder {
             let displaced = |above: usize| displaced_difference(rows, image, read[above]);
             around[2] > DISPLACED_RATIO * beside.max(DIFFERENCE_FLOOR)
                 && displaced(number + 2).is_some_and(|seam| {
-                    seam.in_place > DISPLACED_LEVEL && seam.away < DISPLACED_SHARE * seam.in_place
+                    seam.in_place > DISPLACED_LEVEL
+                        && seam.away < DISPLACED_SHARE * seam.in_place
+                        && seam.back < DISPLACED_BACK_SHARE * seam.in_place
                 })
                 // An edge that lies nearly along the rows is displaced from each row to the next.
                 && [number + 1, number + 3].into_iter().all(|above| {
@@ -202,6 +207,8 @@ struct RowDifference {
     in_place: f32,
     /// The least of those with the lower row displaced by three pixels or more.
     away: f32,
+    /// With the upper row displaced back as far.
+    back: f32,
 }
 
 /// How well the row below one continues it, in place and displaced. None where too little of the row shows ground.
@@ -223,17 +230,20 @@ fn displaced_difference(
     });
     let most = DISPLACEMENT_MAX.min(upper.len() / 3);
     let compared = (upper.len() - 2 * most).div_ceil(2);
-    // The difference over the same middle part of the upper row, for each displacement.
-    let difference = |shift: usize| -> f32 {
-        let middle = &upper[most..upper.len() - most];
-        let pairs = middle.iter().zip(&lower[shift..]).step_by(2);
+    // The difference over the same middle part of one row, for each displacement of the other.
+    let difference = |fixed: &[u8], displaced: &[u8], shift: usize| -> f32 {
+        let middle = &fixed[most..fixed.len() - most];
+        let pairs = middle.iter().zip(&displaced[shift..]).step_by(2);
         let sum: u32 = pairs.map(|(a, b)| u32::from(a.abs_diff(*b))).sum();
         sum as f32 / compared as f32
     };
-    let away = (0..=2 * most).filter(|shift| shift.abs_diff(most) >= 3);
+    let shifts = (0..=2 * most).filter(|shift| shift.abs_diff(most) >= 3);
+    let away = shifts.map(|shift| (shift, difference(&upper, &lower, shift)));
+    let (shift, away) = away.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
     Some(RowDifference {
-        in_place: difference(most),
-        away: away.map(difference).fold(f32::INFINITY, f32::min),
+        in_place: difference(&upper, &lower, most),
+        away,
+        back: difference(&lower, &upper, 2 * most - shift),
     })
 }
 
