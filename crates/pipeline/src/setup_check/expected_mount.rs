@@ -87,3 +87,49 @@ fn first_after_knock(given: &Explanation, learned: &Explanation) -> Option<usize
     let lead = compare(&until(learned), &until(given));
     (lead.gain >= KNOCK_GAIN_MIN && lead.is_consistent()).then_some(before + 1)
 }
+
+#[cfg(test)]
+mod tests {
+    use localize::setup_check::{Explanation, KeyframeFit};
+
+    use super::first_after_knock;
+
+    fn explanation(costs: impl Iterator<Item = f32>) -> Explanation {
+        let keyframes = costs.map(|cost| KeyframeFit {
+            pose: None,
+            cost,
+            points: 60,
+            on_markings: 0.9,
+            residual: 0.02,
+            wheel_step: None,
+            by_matrix: None,
+            wheels_agree: None,
+            compass_agrees: None,
+        });
+        Explanation {
+            keyframes: keyframes.collect(),
+        }
+    }
+
+    #[test]
+    fn a_knock_is_where_the_given_map_ceases_to_be_the_better_one() {
+        // The learned mount is a compromise: a little worse than the given map before the knock, much better after it.
+        let given = explanation((0..38).map(|k| if k < 18 { 1.0 } else { 5.0 }));
+        let learned = explanation((0..38).map(|k| 1.6 + 0.02 * (k % 5) as f32));
+        assert_eq!(first_after_knock(&given, &learned), Some(18));
+    }
+
+    #[test]
+    fn a_mount_that_nobody_measured_is_no_knock() {
+        let given = explanation((0..38).map(|k| 3.0 + 0.5 * (k % 7) as f32));
+        // The first images may be better with the given map by chance.
+        let learned = explanation((0..38).map(|k| {
+            if k < 3 {
+                3.6
+            } else {
+                1.0 + 0.3 * (k % 5) as f32
+            }
+        }));
+        assert_eq!(first_after_knock(&given, &learned), None);
+    }
+}
