@@ -25,6 +25,8 @@ fn a_log_of_version_0_1_0_verifies_with_its_own_settings() {
     config.vision.objects.robot_range_max = 7.0;
     for tracks in [&mut config.world.ball, &mut config.world.robots] {
         tracks.false_alarm_probability = 0.08;
+        tracks.detection_probability = 0.6;
+        tracks.confirm_probability = 0.7;
     }
 
     let setup = Setup::load(&sample.join("robot.toml"), None).expect("a setup");

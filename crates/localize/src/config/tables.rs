@@ -565,6 +565,8 @@ pub const WORLD_BOUNDS: &[Bound] = &[
         0.99,
         "neither never nor always",
     ),
+    bound("*.kick_rate", 0.0, 100.0, "a rate, 1/s"),
+    bound("*.kick_speed_std", 0.0, 100.0, "a speed, m/s"),
     bound("*.half_detection_range", 0.1, 1.0e3, "a distance, metres"),
     bound(
         "*.detection_correlation_time",

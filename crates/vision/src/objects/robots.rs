@@ -84,13 +84,9 @@ impl RobotDetection {
 
     /// Takes in another part of the same robot or person, as good or worse: the centre is between theirs.
     fn absorb(&mut self, part: &RobotDetection) {
-        let middle =
-            |a: At<RobotFrame>, b: At<RobotFrame>| At::new(0.5 * (a.x + b.x), 0.5 * (a.y + b.y));
-        self.width = self
-            .width
-            .max(self.at.distance_to(part.at) + 0.5 * (self.width + part.width));
-        self.at = middle(self.at, part.at);
-        self.edge = middle(self.edge, part.edge);
+        let gap = self.at.distance_to(part.at);
+        self.width = self.width.max(gap + 0.5 * (self.width + part.width));
+        self.at = At::new(0.5 * (self.at.x + part.at.x), 0.5 * (self.at.y + part.at.y));
         self.marker = self.marker.or(part.marker);
     }
 
@@ -104,13 +100,25 @@ impl RobotDetection {
     }
 }
 
-/// Makes one of detections whose centres are nearer to each other than robots can stand: halves of one robot, legs of one person.
+/// Distance below which a person and another detection are one, metres: two legs.
+const PERSON_SEPARATION: f32 = 0.3;
+
+/// Makes one of detections whose centres are nearer to each other than robots or people can stand: halves of one robot, legs of
+/// one person.
 /// `width`: of a robot, metres.
 pub(crate) fn join_parts(mut parts: Vec<RobotDetection>, width: f32) -> Vec<RobotDetection> {
     parts.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut joined: Vec<RobotDetection> = Vec::with_capacity(parts.len());
     for part in parts {
-        match (joined.iter_mut()).find(|other| other.at.distance_to(part.at) < width) {
+        let is_whole = |other: &&mut RobotDetection| {
+            let kinds = [other.kind, part.kind];
+            let separation = match kinds.contains(&ObstacleKind::Person) {
+                true => PERSON_SEPARATION,
+                false => width,
+            };
+            other.at.distance_to(part.at) < separation
+        };
+        match joined.iter_mut().find(is_whole) {
             Some(whole) => whole.absorb(&part),
             None => joined.push(part),
         }
@@ -375,6 +383,11 @@ mod tests {
         assert_eq!(places, [[0.0, 2.0], [0.6, 2.0]]);
         assert!((found[0].width - 0.7).abs() < 1e-6, "{}", found[0].width);
         assert_eq!(found[0].score, 1.0);
+        let person = RobotDetection {
+            kind: ObstacleKind::Person,
+            ..halves[0]
+        };
+        assert_eq!(join_parts(vec![person, halves[1]], 0.5).len(), 2);
     }
 
     #[test]
