@@ -100,6 +100,8 @@ impl RobotDetection {
     }
 }
 
+/// Share of a robot's width below which two detections are one. Centres of two robots are a width apart; each is found with an error.
+const ROBOT_SEPARATION: f32 = 0.8;
 /// Distance below which a person and another detection are one, metres: two legs.
 const PERSON_SEPARATION: f32 = 0.3;
 
@@ -114,7 +116,7 @@ pub(crate) fn join_parts(mut parts: Vec<RobotDetection>, width: f32) -> Vec<Robo
             let kinds = [other.kind, part.kind];
             let separation = match kinds.contains(&ObstacleKind::Person) {
                 true => PERSON_SEPARATION,
-                false => width,
+                false => ROBOT_SEPARATION * width,
             };
             other.at.distance_to(part.at) < separation
         };
@@ -376,12 +378,12 @@ mod tests {
 
     #[test]
     fn halves_of_a_robot_are_one_and_touching_robots_are_two() {
-        let halves = [robot_at(-0.2, 2.0, 0.9), robot_at(0.2, 2.0, 1.0)];
-        let beside = robot_at(0.6, 2.0, 0.8);
+        let halves = [robot_at(-0.15, 2.0, 0.9), robot_at(0.15, 2.0, 1.0)];
+        let beside = robot_at(0.5, 2.0, 0.8);
         let found = join_parts(vec![halves[0], beside, halves[1]], 0.5);
         let places: Vec<[f32; 2]> = found.iter().map(|robot| [robot.at.x, robot.at.y]).collect();
-        assert_eq!(places, [[0.0, 2.0], [0.6, 2.0]]);
-        assert!((found[0].width - 0.7).abs() < 1e-6, "{}", found[0].width);
+        assert_eq!(places, [[0.0, 2.0], [0.5, 2.0]]);
+        assert!((found[0].width - 0.6).abs() < 1e-6, "{}", found[0].width);
         assert_eq!(found[0].score, 1.0);
         let person = RobotDetection {
             kind: ObstacleKind::Person,
