@@ -3,6 +3,7 @@
 pub mod ball;
 pub(crate) mod ball_candidates;
 mod ball_fit;
+mod bright_foot;
 pub(crate) mod carpet_end;
 mod carpet_hull;
 mod coarse_batch;

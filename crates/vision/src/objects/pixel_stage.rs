@@ -15,6 +15,7 @@ use crate::image::ImageView;
 use crate::objects::ball::BallDetection;
 use crate::objects::ball_candidates::{BallCandidate, BallGrid, PlaceTables, separation};
 use crate::objects::ball_fit::fit_ball;
+use crate::objects::bright_foot::BrightFootSearch;
 use crate::objects::carpet_hull::CarpetHull;
 use crate::objects::covariance::covariance_from_polar;
 use crate::objects::obstacle_candidates::{ObstacleCandidate, ObstacleGrid, is_same};
@@ -335,13 +336,18 @@ impl PixelStage {
             range,
             ..*candidate
         };
-        let position_px = self.obstacles.foot_px(&foot);
-        let [ex, ey] = self.direction(input.map, &foot)?;
         let marker = self.team_marker(input, &foot);
         let (kind, radius) = match marker.is_none() && candidate.person > candidate.robot {
             true => (ObstacleKind::Person, PERSON_RADIUS),
             false => (ObstacleKind::Robot, config.robot_radius),
         };
+        let shoe = (kind == ObstacleKind::Person)
+            .then(|| self.bright_foot(input, &foot))
+            .flatten();
+        let range = shoe.unwrap_or(range);
+        let foot = ObstacleCandidate { range, ..foot };
+        let position_px = self.obstacles.foot_px(&foot);
+        let [ex, ey] = self.direction(input.map, &foot)?;
         let middle = range + radius;
         let row = self.angles.ground_angle(range) + obstacle_row_step(range, self.angles.height);
         let along = 0.05 + 0.3 * (self.angles.ground_range(row) - range).min(range);
@@ -360,6 +366,16 @@ impl PixelStage {
             position_px,
             kind,
         })
+    }
+
+    /// Where a bright shoe before a foot begins, metres.
+    fn bright_foot(&self, input: PixelStageInput<'_>, foot: &ObstacleCandidate) -> Option<f32> {
+        let search = BrightFootSearch {
+            image: input.image,
+            lookup_table: input.lookup_table,
+            angles: &self.angles,
+        };
+        search.nearer_foot(foot)
     }
 
     /// Unit vector to an obstacle's foot, robot frame: where the map shows no ground so far away, that of the last ground
