@@ -12,8 +12,10 @@ const KICK_REPORT_MAX: f64 = 1.0;
 const FOLLOW_TIME: f64 = 0.2;
 /// A command that comes so shortly before the last one expires may come after it, seconds.
 const VALIDITY_MARGIN: f64 = 0.02;
-/// Time for which a report counts that the base receives no commands, seconds. Boards report their switches at 10 Hz.
-const CONTRADICTION_TIME: f64 = 1.0;
+/// Time without speeds after a report that the base receives no commands, seconds. A shorter one would let the wheels stop and go.
+const SPEEDLESS_TIME: f64 = 1.0;
+/// Time for which such a report counts, seconds: until speeds that are sent again have had the time to be followed or not.
+const CONTRADICTION_TIME: f64 = 2.0;
 /// Most commands waiting for a confirmation: a second of them.
 const PENDING_MAX: usize = 128;
 
@@ -163,7 +165,9 @@ impl Confirmations {
             |since: Option<Stamp>| since.is_some_and(|since| arrival - since > FOLLOW_TIME);
         let has_valid = is_long_ago(self.valid_since);
         if !command_stale {
-            self.contradicted = None;
+            self.contradicted = self
+                .contradicted
+                .filter(|_| self.needs_zero_speeds(arrival));
             self.zero_is_valid |= has_valid && self.moving_since.is_none();
         } else if !emergency_stop
             && has_valid
@@ -178,6 +182,14 @@ impl Confirmations {
     pub(super) fn receives_nothing(&self, now: Stamp) -> bool {
         self.contradicted
             .is_some_and(|reported| now - reported <= CONTRADICTION_TIME)
+    }
+
+    /// Must the base get speeds of zero because it receives no commands? It would follow those that it receives late. A base that
+    /// reports such commands as valid goes on doing without speeds as long as it receives none. To others, speeds are sent again after
+    /// a while: only these can show that it receives commands.
+    pub(super) fn needs_zero_speeds(&self, now: Stamp) -> bool {
+        self.contradicted
+            .is_some_and(|reported| now - reported <= SPEEDLESS_TIME)
     }
 }
 
@@ -244,15 +256,60 @@ mod tests {
         waiting.on_drive_sent(Some(Arc::clone(&tally)), Stamp(1720 * MS), Stamp(1800 * MS));
         waiting.on_wheel_report(Stamp(1730 * MS));
         assert_eq!((tally.sent(), tally.confirmed()), (1, 0));
-        // What it last reported holds while nothing moves, and ends with another report or after a second.
+        // What it last reported holds while nothing moves, and ends after two seconds.
         send(&mut waiting, false, 1700, 2300);
         waiting.on_switches(false, true, Stamp(2200 * MS));
         assert!(waiting.receives_nothing(Stamp(2600 * MS)));
-        assert!(!waiting.receives_nothing(Stamp(2800 * MS)));
+        assert!(!waiting.receives_nothing(Stamp(3800 * MS)));
+        // Another report ends it after a second.
         waiting.on_switches(false, false, Stamp(2300 * MS));
-        assert!(!waiting.receives_nothing(Stamp(2300 * MS)));
+        assert!(waiting.receives_nothing(Stamp(2300 * MS)));
+        send(&mut waiting, false, 2300, 2800);
+        waiting.on_switches(false, false, Stamp(2800 * MS));
+        assert!(!waiting.receives_nothing(Stamp(2800 * MS)));
         // A board that has once reported a speed of zero as valid contradicts by such commands, too.
-        waiting.on_switches(false, true, Stamp(2310 * MS));
-        assert!(waiting.receives_nothing(Stamp(2310 * MS)));
+        waiting.on_switches(false, true, Stamp(2810 * MS));
+        assert!(waiting.receives_nothing(Stamp(2810 * MS)));
+    }
+
+    /// Sends commands for 6 s to a board that reports each 100 ms; returns when they were zero, and whether the board was named.
+    fn drive_for_6_s(
+        mut reports_expired: impl FnMut(i64, bool) -> bool,
+        idle_until: i64,
+    ) -> Vec<(bool, bool)> {
+        let mut waiting = Confirmations::default();
+        let send_and_report = |at: i64| {
+            let now = Stamp(at * MS);
+            let zero = at < idle_until || waiting.needs_zero_speeds(now);
+            waiting.on_command_sent(!zero, now, now + 0.1);
+            if at % 100 == 0 {
+                waiting.on_switches(false, reports_expired(at, zero), now);
+            }
+            (zero, waiting.receives_nothing(now))
+        };
+        (0..6000).step_by(10).map(send_and_report).collect()
+    }
+
+    #[test]
+    fn base_gets_zero_speeds_while_it_reports_expired_commands_and_for_a_second_after() {
+        let log = drive_for_6_s(|at, _| (2000..4000).contains(&at), 1000);
+        let moves = |range: std::ops::Range<usize>| log[range].iter().any(|(zero, _)| !zero);
+        assert!(log[100..200].iter().all(|(zero, _)| !zero));
+        assert!(!moves(201..490));
+        assert!(moves(491..492));
+        assert!(log[501..].iter().all(|(zero, named)| !zero && !named));
+    }
+
+    #[test]
+    fn base_that_reports_zero_speeds_as_expired_is_driven_from_the_start_and_again_after_a_fault() {
+        // Such a base reports expired commands before the first speeds.
+        let log = drive_for_6_s(|at, zero| zero || (2000..4000).contains(&at), 1000);
+        assert!(log[100..200].iter().all(|(zero, named)| !zero && !named));
+        assert!(log[540..].iter().all(|(zero, named)| !zero && !named));
+        // Meanwhile speeds are tried, no more often than every second, and the name stays.
+        let fault = &log[201..400];
+        assert!(fault.iter().all(|(_, named)| *named));
+        let starts = fault.windows(2).filter(|pair| pair[0].0 && !pair[1].0);
+        assert_eq!(starts.count(), 1);
     }
 }

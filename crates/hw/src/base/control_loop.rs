@@ -165,7 +165,9 @@ impl ControlLoop {
         now: Stamp,
         start: Stamp,
     ) -> Result<bool, HwError> {
-        let may_drive = !self.confirmations.emergency_stop() && !self.is_blind(now, start);
+        let may_drive = !self.confirmations.emergency_stop()
+            && !self.confirmations.needs_zero_speeds(now)
+            && !self.is_blind(now, start);
         let is_idle = link.is_idle(now);
         let arrival = link.command_arrival(now);
         let (request, drive_tally, kick, kick_tally, dribble) = {
@@ -361,7 +363,7 @@ impl ControlLoop {
             return Some("it takes no bytes: commands are not sent".to_owned());
         }
         self.confirmations.receives_nothing(now).then(|| {
-            "the board reports that its last command has expired, but it is sent new ones: it receives none".to_owned()
+            "the board reports that its last command has expired, but new ones are sent: it does not receive them, and gets speeds of zero".to_owned()
         })
     }
 }

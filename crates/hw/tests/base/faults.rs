@@ -72,7 +72,8 @@ fn slow_line_gets_no_more_bytes_than_it_carries_and_is_named() {
 }
 
 #[test]
-fn board_that_reports_expired_commands_while_it_is_driven_gets_no_kick_and_is_named() {
+fn board_that_reports_expired_commands_while_it_is_driven_gets_no_speeds_and_no_kick_and_is_named()
+{
     let port = PseudoSerialPort::connected();
     let queue = EventQueue::new(1024);
     let base = start(&device(Bus::Board, port.path_string()), &queue);
@@ -96,11 +97,11 @@ fn board_that_reports_expired_commands_while_it_is_driven_gets_no_kick_and_is_na
         step(&mut board, 2);
         base.health().reason
     });
-    assert!(reason.contains("receives none"), "{reason}");
+    assert!(reason.contains("does not receive them"), "{reason}");
     assert!(
         base.handle()
             .obstacle()
-            .is_some_and(|text| text.contains("receives none"))
+            .is_some_and(|text| text.contains("does not receive them"))
     );
     let mut messages = Vec::new();
     let kick = Kick {
@@ -111,11 +112,18 @@ fn board_that_reports_expired_commands_while_it_is_driven_gets_no_kick_and_is_na
         base.handle().kick(kick, short_deadline()).expect("kicked");
         messages.extend(step(&mut board, 2));
     }
-    assert!(
-        !messages
+    assert!(!messages.iter().any(|message| match message {
+        Message::KickCommand(_) => true,
+        Message::WheelCommand(command) => command.speed_crad != [0; 4],
+        _ => false,
+    }));
+    wait_until("speeds again", || {
+        let messages = step(&mut board, 0);
+        messages
             .iter()
-            .any(|message| matches!(message, Message::KickCommand(_)))
-    );
+            .any(|message| matches!(message, Message::WheelCommand(command) if command.speed_crad[0] != 0))
+            .then_some(())
+    });
     wait_until("a kick", || {
         base.handle().kick(kick, short_deadline()).expect("kicked");
         let messages = step(&mut board, 0);
