@@ -31,7 +31,7 @@ pub struct HardwareConfig {
 pub struct CameraDeviceConfig {
     /// V4L2 device (`/dev/video0`, preferably `/dev/v4l/by-id/...`). `unix:PATH` receives images from another program
     /// (docs/wire.md). `genicam:NAME` is a GigE or USB3 Vision camera by its Aravis name; `genicam:` alone selects the
-    /// first.
+    /// first; both need an executable that was built with `--features aravis` (docs/robot.md).
     pub device: String,
     /// Images per second.
     #[serde(default = "default_camera_rate_hz")]
@@ -253,7 +253,17 @@ impl HardwareConfig {
 }
 
 impl CameraDeviceConfig {
-    fn check(&self) -> Result<(), HwError> {
+    /// Fails for the first invalid value.
+    pub(crate) fn check(&self) -> Result<(), HwError> {
+        if self.device.starts_with("genicam:") && !cfg!(feature = "aravis") {
+            let device = &self.device;
+            return Err(HwError::Config {
+                key: "camera.device",
+                reason: format!(
+                    "invalid device: {device:?} (this executable has no GenICam cameras). Build it with --features aravis"
+                ),
+            });
+        }
         check_range("camera.rate_hz", self.rate_hz, 1.0..=1000.0)?;
         check_range("camera.stall", self.stall, 0.05..=10.0)?;
         check_range("camera.exposure", self.exposure.unwrap_or(0.01), 1e-5..=1.0)
@@ -325,6 +335,18 @@ mod tests {
         let message = load(text).expect_err("an error").to_string();
         assert!(
             message.contains("hardware.toml: line ") && message.contains("base.command_age_max")
+        );
+    }
+
+    #[cfg(not(feature = "aravis"))]
+    #[test]
+    fn genicam_camera_is_refused_by_a_build_without_it() {
+        let message = load("[camera]\ndevice = \"genicam:\"\n").expect_err("an error");
+        let message = message.to_string();
+        assert!(message.contains("hardware.toml: line 2: "), "{message}");
+        assert!(
+            message.contains("Build it with --features aravis"),
+            "{message}"
         );
     }
 

@@ -70,8 +70,9 @@ impl CameraBackend {
             return ImageSocket::open(path, &CameraSettings::from_config(device))
                 .map(CameraBackend::Socket);
         }
+        #[cfg(feature = "aravis")]
         if let Some(name) = device.device.strip_prefix("genicam:") {
-            return open_genicam(name, device, size_px);
+            return genicam::GenICam::open(name, device, size_px).map(CameraBackend::GenICam);
         }
         V4l2::open(device, size_px).map(CameraBackend::V4l2)
     }
@@ -120,29 +121,8 @@ impl CameraBackend {
     }
 }
 
-#[cfg(feature = "aravis")]
-fn open_genicam(
-    name: &str,
-    device: &CameraDeviceConfig,
-    size_px: [u32; 2],
-) -> Result<CameraBackend, HwError> {
-    genicam::GenICam::open(name, device, size_px).map(CameraBackend::GenICam)
-}
-
-#[cfg(not(feature = "aravis"))]
-fn open_genicam(
-    _: &str,
-    device: &CameraDeviceConfig,
-    _: [u32; 2],
-) -> Result<CameraBackend, HwError> {
-    Err(HwError::Unsupported {
-        device: device.device.clone(),
-        reason: "GenICam cameras are not supported. Build with the feature aravis".to_owned(),
-    })
-}
-
 impl CameraDriver {
-    /// Starts the camera's thread, which opens the device as soon as it is present.
+    /// Starts the camera's thread, which opens the device as soon as it is present. Fails for an invalid configuration.
     ///
     /// `size_px`: columns and rows of the image. Images over a socket have the size that their sender chooses.
     /// `queued_images`: images that consumers may queue at once, as a log does; memory is reserved for them.
@@ -152,6 +132,7 @@ impl CameraDriver {
         queued_images: usize,
         queue: &EventQueue,
     ) -> Result<Self, HwError> {
+        device.check()?;
         let monitor = Monitor::new("camera", queue);
         let pending_settings = Arc::new(Mutex::new(None));
         let mut capture_loop = CaptureLoop {
