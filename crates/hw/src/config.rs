@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use localize::robot::BaseConfig;
 use localize::toml_file::{self, TomlFileError};
 use localize::toml_location::key_location;
 
@@ -79,7 +80,7 @@ pub struct BaseDeviceConfig {
     /// Bit rate of the CAN bus behind a serial adapter, bit/s.
     #[serde(default = "default_can_bit_rate")]
     pub can_bit_rate: u32,
-    /// VESC: CAN node number of each wheel's controller, in the order of robot.toml's wheels.
+    /// VESC: CAN node number of each wheel's controller, in the order of robot.toml's wheels. Messages count wheels from 0.
     #[serde(default)]
     pub nodes: Vec<u8>,
     /// VESC over UART: node number of the controller on the serial port.
@@ -202,6 +203,25 @@ pub enum HardwareConfigError {
 impl HardwareConfig {
     /// Reads and checks a hardware file.
     pub fn load(path: &Path) -> Result<Self, HardwareConfigError> {
+        Self::load_and_check(path, HardwareConfig::check)
+    }
+
+    /// Reads a hardware file and checks it, also against the wheels of the robot: robot.toml's `[base]`.
+    pub fn load_for_wheels(path: &Path, wheels: &BaseConfig) -> Result<Self, HardwareConfigError> {
+        let wheel_count = wheels.kinematics().map(|omni| omni.wheel_count()).ok();
+        Self::load_and_check(path, |config| {
+            config.check()?;
+            match (&config.base, wheel_count) {
+                (Some(base), Some(count)) => base.check_entries(count),
+                _ => Ok(()),
+            }
+        })
+    }
+
+    fn load_and_check(
+        path: &Path,
+        check: impl Fn(&Self) -> Result<(), HwError>,
+    ) -> Result<Self, HardwareConfigError> {
         let (config, text): (HardwareConfig, _) = toml_file::read(path)?;
         let config = config.resolve_relative_paths(path.parent().unwrap_or(Path::new("")));
         let value = |source: HwError| HardwareConfigError::Value {
@@ -211,7 +231,7 @@ impl HardwareConfig {
             },
             source,
         };
-        config.check().map_err(value)?;
+        check(&config).map_err(value)?;
         Ok(config)
     }
 
@@ -241,6 +261,8 @@ impl HardwareConfig {
             base.check()?;
         }
         for inertial in &self.inertial {
+            check_name("inertial.port", &inertial.port)?;
+            check_baud("inertial.baud", inertial.baud)?;
             check_range("inertial.stall", inertial.stall, 0.02..=10.0)?;
             check_range("inertial.stuck", inertial.stuck, 0.05..=60.0)?;
             check_range("inertial.north_deg", inertial.north_deg, -360.0..=360.0)?;
@@ -255,6 +277,7 @@ impl HardwareConfig {
 impl CameraDeviceConfig {
     /// Fails for the first invalid value.
     pub(crate) fn check(&self) -> Result<(), HwError> {
+        check_name("camera.device", &self.device)?;
         if self.device.starts_with("genicam:") && !cfg!(feature = "aravis") {
             let device = &self.device;
             return Err(HwError::Config {
@@ -273,6 +296,16 @@ impl CameraDeviceConfig {
 impl BaseDeviceConfig {
     /// Fails for the first invalid value.
     pub(crate) fn check(&self) -> Result<(), HwError> {
+        check_name("base.port", &self.port)?;
+        check_baud("base.baud", self.baud)?;
+        for (index, node) in self.nodes.iter().enumerate() {
+            if self.nodes[..index].contains(node) {
+                let key = "base.nodes";
+                let reason =
+                    format!("invalid node: {node} twice (expected one controller for each wheel)");
+                return Err(HwError::Config { key, reason });
+            }
+        }
         check_range("base.rate_hz", self.rate_hz, 20.0..=1000.0)?;
         check_range(
             "base.command_age_max",
@@ -283,6 +316,50 @@ impl BaseDeviceConfig {
         check_range("base.stall", self.stall, 0.05..=10.0)?;
         check_range("base.north_deg", self.north_deg, -360.0..=360.0)
     }
+
+    /// Fails if a list has not one entry for each wheel.
+    pub(crate) fn check_entries(&self, wheel_count: usize) -> Result<(), HwError> {
+        let nodes = if self.bus == Bus::Board {
+            0
+        } else {
+            wheel_count
+        };
+        check_count("base.nodes", self.nodes.len(), nodes)?;
+        if self.reversed.is_empty() {
+            return Ok(());
+        }
+        check_count("base.reversed", self.reversed.len(), wheel_count)
+    }
+}
+
+/// Fails if a list has not the expected number of entries.
+pub(crate) fn check_count(
+    key: &'static str,
+    entries: usize,
+    expected: usize,
+) -> Result<(), HwError> {
+    if entries == expected {
+        return Ok(());
+    }
+    let reason = format!("invalid number of entries: {entries} (expected {expected})");
+    Err(HwError::Config { key, reason })
+}
+
+fn check_name(key: &'static str, name: &str) -> Result<(), HwError> {
+    if !name.is_empty() {
+        return Ok(());
+    }
+    let reason = "invalid name: \"\" (expected a device). `mirrorball run --list` shows those of this machine";
+    let reason = reason.to_owned();
+    Err(HwError::Config { key, reason })
+}
+
+fn check_baud(key: &'static str, baud: u32) -> Result<(), HwError> {
+    if baud > 0 {
+        return Ok(());
+    }
+    let reason = "invalid baud rate: 0 (expected 1 or more, such as 115200)".to_owned();
+    Err(HwError::Config { key, reason })
 }
 
 fn check_range(
@@ -348,6 +425,55 @@ mod tests {
             message.contains("Build it with --features aravis"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn empty_names_baud_rates_of_zero_and_equal_nodes_are_refused_with_line_number() {
+        let base = "[base]\nport = \"p\"\nbus = \"vesc-can\"\n";
+        for (text, wanted) in [
+            (
+                "[camera]\n\n\ndevice = \"\"\n".to_owned(),
+                "camera.device: invalid name",
+            ),
+            (
+                format!("{base}baud = 0\n"),
+                "base.baud: invalid baud rate: 0",
+            ),
+            (
+                format!("{base}nodes = [1, 1, 2]\n"),
+                "base.nodes: invalid node: 1 twice",
+            ),
+        ] {
+            let message = load(&text).expect_err("refused").to_string();
+            assert!(
+                message.contains("line 4: ") && message.contains(wanted),
+                "{message}"
+            );
+        }
+        for text in [
+            "[base]\nbus = \"board\"\nport = \"\"\n",
+            "[[inertial]]\nsensor = \"wit\"\nport = \"\"\n",
+            "[[inertial]]\nsensor = \"wit\"\nport = \"p\"\nbaud = 0\n",
+        ] {
+            load(text).expect_err("refused");
+        }
+    }
+
+    #[test]
+    fn lists_of_wrong_length_for_the_wheels_are_refused_with_line_number() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("hardware.toml");
+        for (list, entries) in [("reversed = [true]", 1), ("nodes = [1, 2]", 2)] {
+            let text = format!("[base]\nbus = \"board\"\nport = \"p\"\n{list}\n");
+            std::fs::write(&path, text).expect("written");
+            let refused = HardwareConfig::load_for_wheels(&path, &BaseConfig::default());
+            let message = refused.expect_err("refused").to_string();
+            assert!(message.contains("hardware.toml: line 4: "), "{message}");
+            assert!(
+                message.contains(&format!("entries: {entries} (")),
+                "{message}"
+            );
+        }
     }
 
     #[test]

@@ -25,7 +25,8 @@ impl RobotFolder {
             sensors: SensorSource::Devices,
             ..Setup::load(&robot_file, None)?
         };
-        let hardware = HardwareConfig::load(&folder.join("hardware.toml"))?;
+        let wheels = setup.robot.base.clone().unwrap_or_default();
+        let hardware = HardwareConfig::load_for_wheels(&folder.join("hardware.toml"), &wheels)?;
         if hardware.camera.is_some() && setup.robot.camera.is_none() {
             bail!(
                 "{}: hardware.toml has [camera], but robot.toml has none. Add [camera] to robot.toml",

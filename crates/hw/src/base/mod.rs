@@ -18,7 +18,7 @@ pub use command_tally::CommandTally;
 pub use reports::{KickerReport, PowerReport, SwitchReport};
 
 use crate::clock;
-use crate::config::{BaseDeviceConfig, Bus};
+use crate::config::{BaseDeviceConfig, Bus, check_count};
 use crate::error::HwError;
 use crate::event_queue::EventQueue;
 use crate::health::{HealthReport, HealthState};
@@ -77,24 +77,8 @@ impl BaseDriver {
             reason: error.to_string(),
         })?;
         let count = omni.wheel_count();
-        for (key, entries, expected) in [
-            ("base.wheel_angles_deg", count, count.min(4)),
-            (
-                "base.nodes",
-                device.nodes.len(),
-                if device.bus == Bus::Board { 0 } else { count },
-            ),
-            (
-                "base.reversed",
-                device.reversed.len(),
-                if device.reversed.is_empty() { 0 } else { count },
-            ),
-        ] {
-            if entries != expected {
-                let reason = format!("invalid number of entries: {entries} (expected {expected})");
-                return Err(HwError::Config { key, reason });
-            }
-        }
+        check_count("base.wheel_angles_deg", count, count.min(4))?;
+        device.check_entries(count)?;
         let monitor = Monitor::new("base", queue);
         let commands = Arc::new(SharedCommands::default());
         let signs = (0..4).map(|wheel| {

@@ -50,7 +50,14 @@ pub(super) fn check_robot(path: &Path, listen: f64) -> Vec<Finding> {
             "correct the file; docs/recording.md lists its keys",
         ),
     });
-    let hardware = HardwareConfig::load(&folder.join("hardware.toml"));
+    let hardware_file = folder.join("hardware.toml");
+    let hardware = match &setup {
+        Ok(setup) => {
+            let wheels = setup.robot.base.clone().unwrap_or_default();
+            HardwareConfig::load_for_wheels(&hardware_file, &wheels)
+        }
+        Err(_) => HardwareConfig::load(&hardware_file),
+    };
     match hardware {
         Ok(hardware) => {
             findings.push(Finding::fine("hardware.toml", hardware_summary(&hardware)));

@@ -68,7 +68,8 @@ const STOP_TIMEOUT: Duration = Duration::from_millis(300);
 pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let RobotPaths { folder, robot_file } = RobotPaths::resolve(&args.robot)?;
     let robot = RobotConfig::load(&robot_file)?;
-    let hardware = HardwareConfig::load(&folder.join("hardware.toml"))?;
+    let wheels = robot.base.clone().unwrap_or_default();
+    let hardware = HardwareConfig::load_for_wheels(&folder.join("hardware.toml"), &wheels)?;
     let stop = StopFlag::on_signals()?;
     let recorded = if is_log(&args.out) {
         record_log(args, &robot, &hardware, &stop)
