@@ -1,9 +1,9 @@
-//! Are the camera's images used? Says so once when none was for a second, and when they are again.
+//! Are the camera's images used? Says so once when none was for a second, when another reason holds, and when they are again.
 
 use localize::Stamp;
 use pipeline::Cycle;
 
-/// Time without a usable image until that is said, seconds.
+/// Time without a usable image until that is said, and time for which another reason holds until it is, seconds.
 const REPORTED_AFTER: f64 = 1.0;
 
 /// The fault of a cycle for which the camera delivered nothing.
@@ -15,7 +15,10 @@ pub(super) struct UnusedImages {
     /// Number of them.
     pub(super) count: u64,
     since: Option<Stamp>,
-    is_reported: bool,
+    /// Reason of the last image, and since when it holds.
+    reason: Option<(String, Stamp)>,
+    /// The reason that was said.
+    reported: Option<String>,
 }
 
 /// A change that is to be said.
@@ -31,18 +34,33 @@ impl UnusedImages {
     pub(super) fn count_cycle(&mut self, cycle: &Cycle) -> Option<Change> {
         let Some(fault) = &cycle.image_fault else {
             let is_used = cycle.detections.is_some();
-            let was_reported = is_used && std::mem::take(&mut self.is_reported);
+            let was_reported = is_used && self.reported.take().is_some();
             if is_used {
                 self.since = None;
+                self.reason = None;
             }
             return was_reported.then_some(Change::UsedAgain);
         };
         self.count += u64::from(fault != NO_IMAGE);
-        let since = *self.since.get_or_insert(cycle.stamp);
-        if self.is_reported || cycle.stamp - since < REPORTED_AFTER {
+        let mut since = *self.since.get_or_insert(cycle.stamp);
+        if self
+            .reason
+            .as_ref()
+            .is_none_or(|(reason, _)| reason != fault)
+        {
+            self.reason = Some((fault.clone(), cycle.stamp));
+        }
+        if let (Some(reported), Some((_, reason_since))) = (&self.reported, &self.reason) {
+            if reported == fault {
+                return None;
+            }
+            // A reason with numbers may differ with each image.
+            since = *reason_since;
+        }
+        if cycle.stamp - since < REPORTED_AFTER {
             return None;
         }
-        self.is_reported = true;
+        self.reported = Some(fault.clone());
         Some(Change::NotUsed(fault.clone()))
     }
 }
@@ -72,6 +90,25 @@ mod tests {
         let said = Change::NotUsed("480 x 480 pixels".to_owned());
         assert_eq!(changes, [(40, said), (60, Change::UsedAgain)]);
         assert_eq!(images.count, 50);
+    }
+
+    #[test]
+    fn another_reason_is_said_once_it_has_held_for_a_second() {
+        let mut images = UnusedImages::default();
+        let mut changes = Vec::new();
+        for k in 0..150 {
+            let fault = match k {
+                0..40 => "dark".to_owned(),
+                40..80 => format!("{k} torn lines"),
+                _ => "640 x 360 pixels".to_owned(),
+            };
+            if let Some(change) = images.count_cycle(&cycle(f64::from(k) / 30.0, Some(&fault))) {
+                changes.push((k, change));
+            }
+        }
+        let said = |reason: &str| Change::NotUsed(reason.to_owned());
+        let expected = [(30, said("dark")), (110, said("640 x 360 pixels"))];
+        assert_eq!(changes, expected);
     }
 
     #[test]
