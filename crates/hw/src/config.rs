@@ -92,7 +92,7 @@ pub struct BaseDeviceConfig {
     /// Board: send the robot's velocity instead of the wheels' speeds.
     #[serde(default)]
     pub send_twist: bool,
-    /// Commands sent per second.
+    /// Rate at which the last command is repeated, and at which new ones are sent at most, per second.
     #[serde(default = "default_base_rate_hz")]
     pub rate_hz: f32,
     /// Age at which a command expires and the wheels stop, seconds; at most 0.1.
