@@ -41,7 +41,8 @@ pub enum HwError {
     },
     /// Its bytes contain no message.
     #[error(
-        "{device} sends bytes that contain no message. Check baud rate, wiring, and that it is the configured device"
+        "{device} sends bytes that contain no message. Check {}",
+        garbage_cause(device)
     )]
     Garbage {
         /// The device's path or interface.
@@ -73,6 +74,15 @@ pub enum HwError {
         /// What is wrong with its value.
         reason: String,
     },
+}
+
+/// What to check if the bytes of a device contain no message. A socket has no baud rate.
+fn garbage_cause(device: &str) -> &'static str {
+    if device.starts_with("unix:") {
+        "that the program behind it sends images as in docs/wire.md"
+    } else {
+        "baud rate, wiring, and that it is the configured device"
+    }
 }
 
 impl HwError {

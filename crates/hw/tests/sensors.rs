@@ -9,6 +9,7 @@ use std::time::Duration;
 use hw::config::{CameraDeviceConfig, InertialDeviceConfig, InertialSensor};
 use hw::wire::bno085::Rvc;
 use hw::wire::image_stream::{ImageHeader, SETTINGS_BYTES, SettingsMessage};
+use hw::wire::wit::{DataType, Wit};
 use hw::{
     CameraDriver, DeviceEvent, EventQueue, HealthState, HwError, InertialDriver, SerialPort, camera,
 };
@@ -100,6 +101,46 @@ fn stuck_imu_is_detected_and_recovers() {
     wait_for_event(&queue, "a reading", |event| {
         matches!(event, DeviceEvent::Imu(_)).then_some(())
     });
+}
+
+#[test]
+fn witmotion_with_only_wrong_checksums_sends_garbage_and_is_not_silent() {
+    let port = PseudoSerialPort::connected();
+    let device = InertialDeviceConfig {
+        sensor: InertialSensor::Wit,
+        port: port.path_string(),
+        baud: 115_200,
+        imu: true,
+        compass: false,
+        magnetometer: false,
+        mount_deg: [0.0; 3],
+        clockwise: false,
+        north_deg: 0.0,
+        stall: 0.3,
+        stuck: 0.5,
+    };
+    let imu = InertialDriver::start("imu", &device, &EventQueue::new(64)).expect("started");
+    let kinds = [
+        DataType::Acceleration,
+        DataType::AngularRate,
+        DataType::Angle,
+    ];
+    let mut damage = 0;
+    let state = wait_until("a fault", || {
+        for kind in kinds {
+            let raw = [12, 34, 56, 2500];
+            let mut bytes = Wit { kind, raw }.encode();
+            bytes[10] ^= damage;
+            port.send(&bytes);
+        }
+        std::thread::sleep(Duration::from_millis(10));
+        let state = imu.health().state;
+        if state == HealthState::Running {
+            damage = 1;
+        }
+        matches!(state, HealthState::Garbage | HealthState::Stalled).then_some(state)
+    });
+    assert_eq!(state, HealthState::Garbage);
 }
 
 /// A program that sends images.
@@ -252,6 +293,11 @@ fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones()
     );
     sender.send(b"this is no image, and certainly not the header of one");
     wait_until("garbage", || state(HealthState::Garbage));
+    let reason = camera.health().reason.expect("a reason");
+    assert!(
+        reason.contains("docs/wire.md") && !reason.contains("baud"),
+        "{reason}"
+    );
 }
 
 #[test]

@@ -206,6 +206,11 @@ fn device_finding(health: &HealthReport, port: &str) -> Finding {
         }
         HealthState::Absent => Finding::bad(&what, reason, missing_device_remedy(port)),
         HealthState::Stalled => Finding::bad(&what, reason, "check its power, cable and settings"),
+        HealthState::Garbage if port.starts_with("unix:") => Finding::bad(
+            &what,
+            reason,
+            "start the camera's program; let it send images as in docs/wire.md",
+        ),
         HealthState::Garbage => Finding::bad(
             &what,
             reason,
