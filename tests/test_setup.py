@@ -306,6 +306,16 @@ def test_headings_in_degrees_are_named_for_a_handful_of_images(photographs: str,
     assert any(EDITS["compass_degrees"] in warning for warning in result["warnings"]), result["warnings"]
 
 
+def test_centre_that_only_the_rim_tells_is_named(tmp_path: Path) -> None:
+    folder = five_images(tmp_path / "few")
+    move_centre(folder, -4.0, 3.0)
+    result, _ = run("doctor", "--recording", folder)
+    edit = re.search(r"centre_px = \[([\d.]+), ([\d.]+)\]", result["suggestions"][0]["change"])
+    assert edit is not None, result["suggestions"]
+    assert abs(float(edit[1]) - 238.9) < 0.3 and abs(float(edit[2]) - 241.3) < 0.3, edit[0]
+    assert_not_confidently_wrong(folder, tmp_path / "poses.csv")
+
+
 def drive_on_a_larger_field(folder: Path) -> Path:
     """A simulated drive on a field of which every size differs a little from the 12 x 8 m one."""
     sizes = {"length": "12.35", "width": "8.45", "centre_circle_radius": "1.4", "penalty_spot": "2.05"}

@@ -13,6 +13,7 @@ use localize::team::{TeamModel, TeamView};
 use localize::world::{WorldModel, WorldView};
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
+use vision::calibrate::Rim;
 use vision::exposure::AutoExposure;
 use vision::image::ImageView;
 use vision::image_check::ImageCheck;
@@ -349,6 +350,11 @@ impl Pipeline {
         cycle.timings.see_ms = lines_ms + elapsed_ms(started);
         self.update_world(&mut cycle);
         cycle
+    }
+
+    /// The mirror's rim in the last images. None where it is not seen about where the camera's set-up says.
+    pub fn visible_rim(&self) -> Option<Rim> {
+        self.image_check.as_ref()?.visible_rim()
     }
 
     fn process_features(

@@ -10,7 +10,7 @@ use pipeline::log::{
     self, Difference, LogCompleteness, LogReader, UnpackedSetup, VerificationReport,
 };
 use pipeline::sample::Sample;
-use pipeline::setup_check::{self, Effort, KeyframeCollector};
+use pipeline::setup_check::{self, KeyframeCollector};
 use pipeline::{Pipeline, PipelineConfig};
 
 use super::arguments::UsageError;
@@ -234,8 +234,8 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
         cycle
     });
     bar.finish_and_clear();
-    let found =
-        setup_check::check_with_mount(setup, &config, &keyframes.keyframes(), Effort::Brief);
+    let rim = pipeline.visible_rim();
+    let found = setup_check::check_drive(setup, &config, &keyframes.keyframes(), rim);
     if let Some(error) = invalid_settings {
         return Err(error.context("the settings that were changed during the run"));
     }

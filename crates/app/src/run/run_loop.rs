@@ -240,7 +240,10 @@ impl RunLoop {
         let (log, outputs_lost) = self.finish_outputs(&mut status);
         // The wheels have stopped: the trials of other set-ups take seconds, and nothing is urgent any more.
         hw::realtime::lower_priority();
-        let warnings = state.setup_watch.finish(&self.robot.setup, &self.config);
+        let warnings =
+            state
+                .setup_watch
+                .finish(&self.robot.setup, &self.config, self.pipeline.visible_rim());
         Ok(status.into_report(RunOutcome {
             warnings,
             dropped: events.drop_counts(),
@@ -477,7 +480,9 @@ impl RunLoop {
     /// Checks the set-up while the robot drives. Poses of one that another beats are marked.
     fn watch_setup(&mut self, state: &mut RunState, status: &mut RunStatus) {
         let (setup, config) = (&self.robot.setup, &self.config);
-        let Some(verdict) = state.setup_watch.update(setup, config, hw::now()) else {
+        let find_rim = || self.pipeline.visible_rim();
+        let watch = &mut state.setup_watch;
+        let Some(verdict) = watch.update(setup, config, find_rim, hw::now()) else {
             return;
         };
         self.pipeline.mark_setup_doubtful(verdict.covariance);

@@ -8,8 +8,9 @@ use localize::map_correction::MapFit;
 use nalgebra::Matrix3;
 use pipeline::recording::Table;
 use pipeline::setup::Setup;
-use pipeline::setup_check::{self, Effort, KeyframeCollector, MeasuredKeyframe, SetupReport};
+use pipeline::setup_check::{self, KeyframeCollector, MeasuredKeyframe, SetupReport};
 use pipeline::{Cycle, PipelineConfig};
+use vision::calibrate::Rim;
 
 /// Path before the first check, metres (`KeyframeCollector::path`): one place looks like places of other fields.
 const PATH_MIN: f32 = 6.0;
@@ -74,11 +75,13 @@ impl SetupWatch {
         self.keyframes.add_cycle(cycle);
     }
 
-    /// Starts a check when it is due, and takes the result of a finished one. Some: the poses' mark is to be changed.
+    /// Starts a check when it is due, and takes the result of a finished one. `find_rim`: the mirror's rim in the last images. Some: the
+    /// poses' mark is to be changed.
     pub(super) fn update(
         &mut self,
         setup: &Setup,
         config: &PipelineConfig,
+        find_rim: impl FnOnce() -> Option<Rim>,
         now: Stamp,
     ) -> Option<SetupVerdict> {
         if self.is_checking {
@@ -92,25 +95,20 @@ impl SetupWatch {
         if !is_early && self.keyframes.path() >= PATH_MIN {
             let keyframes = self.keyframes.keyframes();
             if keyframes.len() >= KEYFRAMES_MIN {
-                self.is_checking = self.start_check(setup, config, keyframes);
+                let job = (config.clone(), keyframes, find_rim());
+                self.is_checking = self.start_check(setup, job);
             }
         }
         None
     }
 
     /// False if there is no thread for it: the next cycle tries again.
-    fn start_check(
-        &mut self,
-        setup: &Setup,
-        config: &PipelineConfig,
-        keyframes: Vec<MeasuredKeyframe>,
-    ) -> bool {
+    fn start_check(&mut self, setup: &Setup, job: CheckJob) -> bool {
         if self.checker.is_none() {
             self.checker = Checker::start(setup);
         }
         let checker = self.checker.as_ref();
-        let is_started =
-            checker.is_some_and(|checker| checker.jobs.send((config.clone(), keyframes)).is_ok());
+        let is_started = checker.is_some_and(|checker| checker.jobs.send(job).is_ok());
         if !is_started {
             self.checker = None;
         }
@@ -172,14 +170,19 @@ impl SetupWatch {
     }
 
     /// Checks once more, by all that was seen. Returns a sentence per doubt.
-    pub(super) fn finish(self, setup: &Setup, config: &PipelineConfig) -> Vec<String> {
+    pub(super) fn finish(
+        self,
+        setup: &Setup,
+        config: &PipelineConfig,
+        rim: Option<Rim>,
+    ) -> Vec<String> {
         let keyframes = self.keyframes.keyframes();
-        setup_check::check_with_mount(setup, config, &keyframes, Effort::Brief).warnings
+        setup_check::check_drive(setup, config, &keyframes, rim).warnings
     }
 }
 
-/// Settings, which may be tuned while the robot runs, and keyframes.
-type CheckJob = (PipelineConfig, Vec<MeasuredKeyframe>);
+/// Settings, which may be tuned while the robot runs, keyframes, and the mirror's rim in the last images.
+type CheckJob = (PipelineConfig, Vec<MeasuredKeyframe>, Option<Rim>);
 
 /// The thread of the checks. One for all of them: each new thread would take memory of its own for the same work.
 struct Checker {
@@ -199,9 +202,8 @@ impl Checker {
                 .num_threads(1)
                 .start_handler(|_| lower_priority())
                 .build();
-            while let Ok((config, keyframes)) = waiting.recv() {
-                let check =
-                    || setup_check::check_with_mount(&setup, &config, &keyframes, Effort::Brief);
+            while let Ok((config, keyframes, rim)) = waiting.recv() {
+                let check = || setup_check::check_drive(&setup, &config, &keyframes, rim);
                 let found = match &pool {
                     Ok(pool) => pool.install(check),
                     Err(_) => SetupReport::default(),

@@ -4,6 +4,7 @@ use localize::Field;
 use localize::config::LocalizeConfig;
 use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain};
 use rayon::prelude::*;
+use vision::calibrate::Rim;
 
 use super::change::Change;
 use super::effort::Effort;
@@ -102,18 +103,14 @@ pub(super) struct Trial<'a> {
     pub(super) measured: &'a [MeasuredKeyframe],
     /// Settings of the search of poses.
     pub(super) config: LocalizeConfig,
+    /// The mirror's rim in the images. None where it is not known.
+    pub(super) rim: Option<Rim>,
 }
 
 /// Tries other set-ups on the measurements.
-pub(super) fn assess(
-    setup: &Setup,
-    config: &LocalizeConfig,
-    measured: &[MeasuredKeyframe],
-    effort: Effort,
-) -> Assessment {
-    let trial = Trial::new(setup, config, measured);
-    let mut variant = SetupVariant::configured(setup);
-    let Some(configured) = trial.explain(&variant, measured) else {
+pub(super) fn assess(trial: &Trial<'_>, effort: Effort) -> Assessment {
+    let mut variant = SetupVariant::configured(trial.setup);
+    let Some(configured) = trial.explain(&variant, trial.measured) else {
         return Assessment::default();
     };
     let mut explanation = configured.clone();
@@ -164,7 +161,13 @@ impl<'a> Trial<'a> {
             setup,
             measured,
             config,
+            rim: None,
         }
+    }
+
+    /// The same, with the mirror's rim in the images.
+    pub(super) fn with_rim(self, rim: Option<Rim>) -> Self {
+        Trial { rim, ..self }
     }
 }
 
@@ -260,6 +263,10 @@ impl Trial<'_> {
         if !better.iter().any(is_centre) {
             let by_wheels = self.search_centre_by_wheels(variant, now);
             better.extend(by_wheels.filter(|found| found.comparison.gain > 0.0));
+        }
+        // Nor does either tell much on a short drive: the rim has decided.
+        if !better.iter().any(is_centre) {
+            better.extend(self.search_centre_by_rim(variant, now));
         }
         // A field of another kind is explained half by many a change: it is tried unless a change explains the points.
         let explained = better

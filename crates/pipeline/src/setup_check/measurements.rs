@@ -4,7 +4,9 @@ use anyhow::Result;
 use localize::Stamp;
 use localize::sample::{LinePoint, Odometry};
 use localize::setup_check::METRES_PER_RADIAN;
+use vision::calibrate::Rim;
 use vision::image::Image;
+use vision::image_check::VisibleRim;
 use vision::process::Vision;
 
 use super::effort::Effort;
@@ -71,6 +73,8 @@ pub(super) struct Measured {
     images: Vec<usize>,
     /// None if not every image was checked.
     pub(super) image_faults: Option<ImageFaults>,
+    /// The mirror's rim in the keyframes' images. None where it is not seen.
+    pub(super) rim: Option<Rim>,
 }
 
 /// Selects keyframes of a recording and detects their line points. Images that cannot be used have none. With full effort every
@@ -115,6 +119,10 @@ pub(super) fn measure(
     }
     let mut last: Option<Stamp> = None;
     let (mut keyframes, mut used) = (Vec::new(), Vec::new());
+    let mut visible_rim = setup
+        .camera
+        .as_ref()
+        .and_then(|(camera, map)| VisibleRim::new(camera, [map.width_px, map.height_px]));
     for entry in entries {
         let (index, stamp) = (entry.index, entry.stamp);
         let mut keyframe = MeasuredKeyframe::without_points(entry);
@@ -124,6 +132,9 @@ pub(super) fn measure(
                 let (Some(vision), Ok(image)) = (&mut vision, Image::load(path)) else {
                     continue;
                 };
+                if let Some(rim) = &mut visible_rim {
+                    rim.add(&image.view());
+                }
                 if last.is_some_and(|last| (stamp - last).abs() > 1.0) {
                     vision.reset_colour_model();
                 }
@@ -144,6 +155,7 @@ pub(super) fn measure(
         keyframes,
         images: used,
         image_faults,
+        rim: visible_rim.and_then(|rim| rim.find()),
     })
 }
 

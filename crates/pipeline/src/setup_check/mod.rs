@@ -1,7 +1,7 @@
 //! Is the set-up right? Tries other fields, camera mounts, compass turns and units on the same measurements.
 //!
 //! `ranges` reads what the tables betray, `measurements` selects keyframes, `assess` compares variants of the set-up
-//! (`variant`, `change`) by `localize::setup_check`, `origin_offset` where the wheels turn, `dead_sensors`, `compass_faults` and `inertial` find
+//! (`variant`, `change`) by `localize::setup_check`, `origin_offset` where the wheels turn, `rim_centre` where the mirror's rim is, `dead_sensors`, `compass_faults` and `inertial` find
 //! sensors that say nothing or lie, `late_turns` those whose stamps are late, `image_scan` images that show no field. The report has warnings for every run and suggestions for the
 //! doctor.
 
@@ -32,6 +32,7 @@ mod origin_offset;
 mod pose_covariance;
 mod ranges;
 mod report;
+mod rim_centre;
 #[cfg(test)]
 mod tests;
 mod variant;
@@ -40,6 +41,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use localize::setup_check::{Explanation, compare};
+use vision::calibrate::Rim;
 
 pub use collector::KeyframeCollector;
 pub use effort::Effort;
@@ -81,9 +83,13 @@ pub fn check_recording(
     let ranges = ranges::check_ranges(recording);
     let measured = measurements::measure(recording, setup, config, effort)?;
     let noise = compass_noise::recording_noise(recording);
-    let tables = TableFindings { ranges, noise };
+    let findings = RecordingFindings {
+        ranges,
+        noise,
+        rim: measured.rim,
+    };
     // Stamps of another unit or clock have no gaps of their own.
-    let is_other_clock = tables
+    let is_other_clock = findings
         .ranges
         .iter()
         .any(|found| found.table == Table::Images);
@@ -96,8 +102,9 @@ pub fn check_recording(
         .then(|| find_image_age(recording, setup, config, &measured.keyframes))
         .flatten();
     let latency = setup.camera_latency(&config.localize.filter);
-    let check =
-        |keyframes: &[MeasuredKeyframe]| check_tables(setup, config, keyframes, &tables, effort);
+    let check = |keyframes: &[MeasuredKeyframe]| {
+        check_findings(setup, config, keyframes, &findings, effort)
+    };
     let mut report = match age {
         None => check(&measured.keyframes),
         Some(ImageAge {
@@ -152,17 +159,25 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
         faults.add_cycle(&cycle, None);
         leaps.add(&cycle);
     }
-    let report = check_with_mount(&unpacked.setup, &config, &keyframes.keyframes(), effort);
+    let report = check_findings(
+        &unpacked.setup,
+        &config,
+        &keyframes.keyframes(),
+        &RecordingFindings::default(),
+        effort,
+    );
     let report = report.with_image_faults(Some(faults));
     Ok(report.with_path_warnings(leaps.warning()))
 }
 
-/// What the tables of a recording say without its images.
+/// What a recording says beside its keyframes.
 #[derive(Default)]
-struct TableFindings {
+struct RecordingFindings {
     ranges: Vec<RangeFinding>,
     /// Standard deviation of the compass from one reading to the next, radians.
     noise: Option<f32>,
+    /// The mirror's rim in the images. None where it is not seen.
+    rim: Option<Rim>,
 }
 
 /// Checks a set-up by keyframes of a run.
@@ -174,41 +189,53 @@ pub fn check(
     measured: &[MeasuredKeyframe],
     effort: Effort,
 ) -> SetupReport {
-    check_points(setup, config, measured, &TableFindings::default(), effort).0
+    check_points(
+        setup,
+        config,
+        measured,
+        &RecordingFindings::default(),
+        effort,
+    )
+    .0
 }
 
-/// As [`check`], by the mount that the images tell ([`SetupReport::map_fit`]) where the map as given does not explain them.
-pub fn check_with_mount(
+/// As [`check`], by the mount that the images tell ([`SetupReport::map_fit`]) where the map as given does not explain them. `rim`: the
+/// mirror's in the images, where it is known.
+pub fn check_drive(
     setup: &Setup,
     config: &PipelineConfig,
     measured: &[MeasuredKeyframe],
-    effort: Effort,
+    rim: Option<Rim>,
 ) -> SetupReport {
-    check_tables(setup, config, measured, &TableFindings::default(), effort)
+    let findings = RecordingFindings {
+        rim,
+        ..RecordingFindings::default()
+    };
+    check_findings(setup, config, measured, &findings, Effort::Brief)
 }
 
 /// The images of a drive tell the mount of an uncalibrated camera, such as localization expects it. What looks wrong without it is
 /// looked at again.
-fn check_tables(
+fn check_findings(
     setup: &Setup,
     config: &PipelineConfig,
     measured: &[MeasuredKeyframe],
-    tables: &TableFindings,
+    findings: &RecordingFindings,
     effort: Effort,
 ) -> SetupReport {
-    let (given, assessment) = check_points(setup, config, measured, tables, effort);
+    let (given, assessment) = check_points(setup, config, measured, findings, effort);
     let mount = expected_mount::find(setup, &config.localize, measured, &assessment.configured);
     let (map_fit, by_mount) = match mount {
         None => return given,
         Some(ExpectedMount::Learned(map_fit, by_mount)) => (map_fit, by_mount),
         Some(ExpectedMount::MovedBefore(first)) => {
             let (before, after) = measured.split_at(first);
-            let (mut report, _) = check_points(setup, config, before, tables, effort);
+            let (mut report, _) = check_points(setup, config, before, findings, effort);
             report.doubt_mount_after(after.first().map(|keyframe| keyframe.stamp));
             return report;
         }
     };
-    let (mut report, with_mount) = check_points(setup, config, &by_mount, tables, effort);
+    let (mut report, with_mount) = check_points(setup, config, &by_mount, findings, effort);
     if field_is_better_than_mount(&assessment, &with_mount)
         || lines_are_better_than_mount(&assessment, &with_mount)
     {
@@ -272,7 +299,7 @@ fn check_points(
     setup: &Setup,
     config: &PipelineConfig,
     measured: &[MeasuredKeyframe],
-    tables: &TableFindings,
+    findings: &RecordingFindings,
     effort: Effort,
 ) -> (SetupReport, Assessment) {
     let usable: Vec<MeasuredKeyframe> = measured
@@ -282,18 +309,20 @@ fn check_points(
         .collect();
     if usable.len() < KEYFRAMES_MIN {
         return (
-            SetupReport::default().with_ranges(&tables.ranges),
+            SetupReport::default().with_ranges(&findings.ranges),
             Assessment::default(),
         );
     }
-    let mut assessment = assess(setup, &config.localize, measured, effort);
-    let compass_fault = find_compass_fault(config, measured, &assessment, tables);
-    let mut ranges = tables.ranges.clone();
+    let trial = Trial::new(setup, &config.localize, measured).with_rim(findings.rim);
+    let mut assessment = assess(&trial, effort);
+    let compass_fault = find_compass_fault(config, measured, &assessment, findings);
+    let mut ranges = findings.ranges.clone();
     if let Some(without) = compass_fault
         .as_ref()
         .and_then(|fault| fault.without_ignored(measured))
     {
-        assessment = assess(setup, &config.localize, &without, effort);
+        let trial = Trial::new(setup, &config.localize, &without).with_rim(findings.rim);
+        assessment = assess(&trial, effort);
     }
     let latency = find_latency(setup, config, measured, &assessment);
     if latency.is_some() {
@@ -444,7 +473,7 @@ fn find_compass_fault(
     config: &PipelineConfig,
     measured: &[MeasuredKeyframe],
     assessment: &Assessment,
-    tables: &TableFindings,
+    findings: &RecordingFindings,
 ) -> Option<CompassFault> {
     let is_known = |change: &Change| {
         matches!(
@@ -453,13 +482,13 @@ fn find_compass_fault(
         )
     };
     let mut changes = assessment.improvements.iter().flatten();
-    let is_wrong = |table| tables.ranges.iter().any(|found| found.table == table);
+    let is_wrong = |table| findings.ranges.iter().any(|found| found.table == table);
     // Images of another clock have the readings of other times.
     if is_wrong(Table::Images) || changes.any(|found| is_known(&found.change)) {
         return None;
     }
     let stated = config.localize.compass.std_deg.to_radians();
-    let noise = tables.noise.filter(|_| !is_wrong(Table::Compass));
+    let noise = findings.noise.filter(|_| !is_wrong(Table::Compass));
     compass_faults::find_compass_fault(
         measured,
         assessment.explained(),

@@ -96,20 +96,9 @@ fn fit_rim(brightest: &[f32], size: [usize; 2]) -> Result<Rim, RimError> {
     if edges.len() < POINTS_MIN {
         return Err(RimError::NoBorder);
     }
-    let circle = best_circle(&edges, size).ok_or(RimError::NotACircle { percent: 0 })?;
-    let inliers: Vec<[f32; 2]> = edges
-        .iter()
-        .filter(|point| distance(circle, **point).abs() <= TOLERANCE_PX)
-        .copied()
-        .collect();
-    let share = inliers.len() as f32 / edges.len() as f32;
-    if inliers.len() < POINTS_MIN || share < 0.3 {
-        return Err(RimError::NotACircle {
-            percent: (100.0 * share) as u32,
-        });
-    }
-    let circle = fit_circle(&inliers).unwrap_or(circle);
-    let squares: f32 = inliers.iter().map(|&at| distance(circle, at).powi(2)).sum();
+    let (rim, inliers) = fit_edges(&edges, size)?;
+    let [u, v] = rim.centre_px;
+    let circle = [u, v, rim.radius_px];
     let inside = circle_points(circle)
         .filter(|[u, v]| {
             let margin = TOLERANCE_PX;
@@ -124,13 +113,35 @@ fn fit_rim(brightest: &[f32], size: [usize; 2]) -> Result<Rim, RimError> {
                 .any(|edge| math::hypot(edge[0] - at[0], edge[1] - at[1]) < 2.0 * TOLERANCE_PX)
         })
         .count();
-    let [u, v, radius] = circle;
     Ok(Rim {
+        visible_share: found as f32 / inside.max(1) as f32,
+        ..rim
+    })
+}
+
+/// The circle that most edge points lie on, and these points. `size`: of the image, pixels. The visible share is that of the edge points.
+pub(crate) fn fit_edges(
+    edges: &[[f32; 2]],
+    size: [usize; 2],
+) -> Result<(Rim, Vec<[f32; 2]>), RimError> {
+    let circle = best_circle(edges, size).ok_or(RimError::NotACircle { percent: 0 })?;
+    let is_on = |point: &&[f32; 2]| distance(circle, **point).abs() <= TOLERANCE_PX;
+    let inliers: Vec<[f32; 2]> = edges.iter().filter(is_on).copied().collect();
+    let share = inliers.len() as f32 / edges.len() as f32;
+    if inliers.len() < POINTS_MIN || share < 0.3 {
+        return Err(RimError::NotACircle {
+            percent: (100.0 * share) as u32,
+        });
+    }
+    let [u, v, radius] = fit_circle(&inliers).unwrap_or(circle);
+    let off = |at: &[f32; 2]| distance([u, v, radius], *at).powi(2);
+    let rim = Rim {
         centre_px: [u, v],
         radius_px: radius,
-        rms_px: (squares / inliers.len() as f32).sqrt(),
-        visible_share: found as f32 / inside.max(1) as f32,
-    })
+        rms_px: (inliers.iter().map(off).sum::<f32>() / inliers.len() as f32).sqrt(),
+        visible_share: share,
+    };
+    Ok((rim, inliers))
 }
 
 /// The `foreign` + 1 brightest values of each pixel over all images, falling: of its brightest channel, averaged over 3 × 3

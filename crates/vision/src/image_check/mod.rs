@@ -9,10 +9,12 @@ mod repeats;
 mod rows;
 mod samples;
 mod seam;
+mod visible_rim;
 
 use localize::Stamp;
 use localize::robot::CameraConfig;
 
+use crate::calibrate::Rim;
 use crate::config::ImageCheckConfig;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
@@ -20,6 +22,8 @@ use mounting::MountingCheck;
 use repeats::Repeats;
 use rows::SampledRows;
 use seam::SeamFinder;
+use visible_rim::RecentRim;
+pub use visible_rim::VisibleRim;
 
 /// Why an image is not used.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -100,6 +104,7 @@ pub struct ImageCheck {
     repeats: Repeats,
     seam: SeamFinder,
     mounting: MountingCheck,
+    rim: Option<RecentRim>,
     last_stamp: Option<Stamp>,
     /// The image that was checked last has no fault of its own.
     is_usable: bool,
@@ -114,6 +119,7 @@ impl ImageCheck {
             repeats: Repeats::default(),
             seam: SeamFinder::default(),
             mounting: MountingCheck::new(map, camera),
+            rim: RecentRim::new(camera, [map.width_px, map.height_px]),
             last_stamp: None,
             is_usable: false,
         }
@@ -150,7 +156,15 @@ impl ImageCheck {
     pub fn check_mounting(&mut self, image: &ImageView<'_>, heading: Option<f32>) {
         if std::mem::take(&mut self.is_usable) {
             self.mounting.update(image, heading);
+            if let Some(rim) = &mut self.rim {
+                rim.add(image);
+            }
         }
+    }
+
+    /// The mirror's rim in the last images. None where it is not seen about where the camera's set-up says.
+    pub fn visible_rim(&self) -> Option<Rim> {
+        self.rim.as_ref()?.find()
     }
 
     fn fault_of_rows(&mut self, image: &ImageView<'_>, is_old: bool) -> Option<ImageFault> {

@@ -384,7 +384,7 @@ fn mean_difference(samples: &[usize], difference: impl Fn(usize) -> f32) -> f32 
 }
 
 /// The brightest channel of a pixel, or the brightness of an image in YUV.
-fn brightest_channel(image: &ImageView<'_>, [column, row]: [u16; 2]) -> f32 {
+pub(super) fn brightest_channel(image: &ImageView<'_>, [column, row]: [u16; 2]) -> f32 {
     let [r, g, b] = image.native_channels(usize::from(column), usize::from(row));
     let yuv = image.format.is_yuv();
     f32::from(if yuv { r } else { r.max(g).max(b) })
