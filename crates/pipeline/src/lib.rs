@@ -38,6 +38,7 @@ pub mod multi_robot;
 pub mod setup_check;
 
 pub mod message_text;
+mod repeated_points;
 pub mod result_files;
 pub mod score;
 

@@ -26,6 +26,7 @@ use crate::features::Features;
 use crate::interlace::Interlace;
 use crate::observations::{correct_goals, object_observations};
 use crate::paths;
+use crate::repeated_points::{REPEATED, RepeatedPoints};
 use crate::sample::{CameraImage, ImageContent, Sample, SettingsChange};
 use crate::scan_map_cache::{self, CacheStatus};
 use crate::setup::Setup;
@@ -56,6 +57,7 @@ pub struct Pipeline {
     vision: Option<Vision>,
     interlace: Interlace,
     image_check: Option<ImageCheck>,
+    repeated_points: RepeatedPoints,
     exposure: Option<AutoExposure>,
     localizer: Localizer,
     world: WorldModel,
@@ -127,6 +129,7 @@ impl Pipeline {
             vision: detector,
             interlace,
             image_check,
+            repeated_points: RepeatedPoints::default(),
             exposure,
             localizer,
             world,
@@ -283,7 +286,8 @@ impl Pipeline {
 
     /// As an image sample of line points alone.
     pub fn process_line_points(&mut self, stamp: Stamp, line_points: Vec<LinePoint>) -> Cycle {
-        self.process_features(stamp, Features::from_points(line_points), |_| {})
+        let features = self.check_points(Features::from_points(line_points));
+        self.process_features(stamp, features, |_| {})
     }
 
     fn process_image(&mut self, image: CameraImage, on_estimate: impl FnOnce(&Estimate)) -> Cycle {
@@ -302,10 +306,10 @@ impl Pipeline {
                 };
                 return Cycle { inputs, ..cycle };
             }
-            ImageContent::Features { points, goals } => Features {
+            ImageContent::Features { points, goals } => self.check_points(Features {
                 goals,
                 ..Features::from_points(points)
-            },
+            }),
             ImageContent::Detections(detections) => {
                 let features = Features::from_detections(&detections);
                 Features {
@@ -316,6 +320,16 @@ impl Pipeline {
             ImageContent::Unreadable(reason) => Features::from_fault(reason),
         };
         self.process_features(stamp, features, on_estimate)
+    }
+
+    /// Line points of another vision system, or the reason why they are not used.
+    fn check_points(&mut self, features: Features) -> Features {
+        let rows = self.inputs.odometry.iter();
+        let path = self.path + rows.map(|row| f64::from(row.path())).sum::<f64>();
+        match self.repeated_points.add(&features.line_points, path) {
+            true => Features::from_fault(REPEATED.to_owned()),
+            false => features,
+        }
     }
 
     /// Pose first, then objects.

@@ -302,11 +302,15 @@ fn most_log_odds(compass_doubted: bool, config: &CompassConfig) -> f32 {
 }
 
 /// Log odds of one reading for the half in which the heading deviates from it by `deviation`, radians.
+///
+/// A reading is as good as the limit of its log odds says: with a small probability it says nothing. One that is far from both halves
+/// is such a one, however much farther it is from one of them.
 fn reading_log_odds(deviation: f32, config: &CompassConfig) -> f32 {
     let std = config.std_deg.to_radians();
-    let other_deviation = std::f32::consts::PI - deviation.abs();
-    (0.5 * (other_deviation * other_deviation - deviation * deviation) / (std * std))
-        .clamp(-config.reading_log_odds_max, config.reading_log_odds_max)
+    let nothing = 1.0 / (math::exp(config.reading_log_odds_max) - 1.0).max(1e-6);
+    let log_likelihood =
+        |deviation: f32| math::ln(math::exp(-0.5 * deviation * deviation / (std * std)) + nothing);
+    log_likelihood(deviation) - log_likelihood(std::f32::consts::PI - deviation.abs())
 }
 
 #[cfg(test)]
@@ -363,7 +367,7 @@ mod tests {
     #[test]
     fn compass_that_is_disturbed_for_some_seconds_leaves_the_half_unknown() {
         let config = CompassConfig::default();
-        for disturbance in [2.1_f32, -2.5] {
+        for disturbance in [2.6_f32, -2.5] {
             let disturbed = |heading: f32, _| heading + disturbance;
             let mut half = HalfEvidence::default();
             feed_compass(&mut half, 0.0, |heading, _| heading);
@@ -381,6 +385,23 @@ mod tests {
                 "{}",
                 half.log_odds()
             );
+        }
+    }
+
+    #[test]
+    fn compass_far_from_both_halves_tells_none() {
+        let config = CompassConfig::default();
+        for deviation in [1.35_f32, 1.7, -1.5, -1.9] {
+            let disturbed = |heading: f32, _| heading + deviation;
+            let mut half = HalfEvidence::default();
+            feed_compass(&mut half, 0.0, disturbed);
+            let told = half.log_odds_with_withheld().abs();
+            assert!(told < config.half_known_log_odds, "{deviation}: {told}");
+            let mut known = HalfEvidence::default();
+            feed_compass(&mut known, 0.0, |heading, _| heading);
+            feed_compass(&mut known, 10.0, disturbed);
+            let left = known.log_odds_with_withheld();
+            assert!(left >= config.half_known_log_odds, "{deviation}: {left}");
         }
     }
 

@@ -7,7 +7,7 @@ use super::supported_points::supported_points;
 use crate::advice::{Advice, MotionAdvice, PointWeights};
 use crate::estimate::{Estimate, Reason};
 use crate::global_search::branch_and_bound::{CertifiedHypotheses, HeadingPrior, Hypothesis};
-use crate::global_search::{GlobalSearchMethod, SearchInput};
+use crate::global_search::{GlobalSearch, GlobalSearchMethod, SearchInput};
 use crate::math;
 use crate::sample::{Compass, GoalObservation, LinePoint};
 use crate::stamp::Stamp;
@@ -47,20 +47,37 @@ impl Localizer {
             }
             _ => points,
         };
-        let heading_prior = self.heading_prior(stamp);
-        let input = SearchInput {
+        let mut heading_prior = self.heading_prior(stamp);
+        let mut input = SearchInput {
             distances: &self.distance_field,
             points,
             heading_prior,
             goals: &goals,
             single_image: self.last_odometry.is_none(),
         };
+        let (search, matcher) = (&mut self.search, &mut self.matcher);
+        let mut result = self.global_search.find_hypotheses(search, matcher, &input);
+        // The lines may contradict the compass.
+        let margin = self.config.mode.alternative_margin_share;
+        let score = |result: &CertifiedHypotheses| {
+            let best = result.hypotheses.first();
+            best.map_or(0.0, |best| best.score)
+        };
+        if heading_prior.is_some()
+            && matches!(self.global_search, GlobalSearch::Exact)
+            && score(&result) < 1.0 - margin
+        {
+            input.heading_prior = None;
+            let without = self.global_search.find_hypotheses(search, matcher, &input);
+            if score(&without) >= score(&result) + margin {
+                result = without;
+                heading_prior = None;
+            }
+        }
         let CertifiedHypotheses {
             hypotheses: found,
             certificate,
-        } = self
-            .global_search
-            .find_hypotheses(&mut self.search, &mut self.matcher, &input);
+        } = result;
         if found.is_empty() && self.global_search.is_in_progress() {
             self.keep_candidates(candidates);
             return self.lost_estimate(stamp, Reason::Searching, found);

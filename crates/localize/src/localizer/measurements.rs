@@ -79,8 +79,20 @@ impl Localizer {
         if values.copied().all(f32::is_finite) {
             let [_, _, bias] = self.motion_inputs.attitude.gyro_bias();
             self.stuck_compass.add_imu(sample, bias);
+            self.odometry_continuous &= !self.ends_pause(sample.stamp);
             self.receive(MotionMeasurement::Imu(*sample));
         }
+    }
+
+    /// Have wheels, inertial unit and camera all been silent before this stamp, for longer than odometry may be?
+    fn ends_pause(&self, stamp: Stamp) -> bool {
+        let wheels = self.last_odometry.map(|last| last.stamp);
+        let last = self
+            .motion_inputs
+            .imu_stamp()
+            .max(wheels)
+            .max(self.last_image);
+        last.is_some_and(|last| last.seconds_until(stamp) > self.config.mode.odometry_gap_max)
     }
 
     /// Adds a velocity command. Commands that are not finite are dropped.

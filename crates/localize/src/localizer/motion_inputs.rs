@@ -190,6 +190,11 @@ impl MotionInputs {
         }
     }
 
+    /// Stamp of the last reading of the inertial unit.
+    pub(super) fn imu_stamp(&self) -> Option<Stamp> {
+        self.imu.map(|imu| imu.stamp)
+    }
+
     /// Is the last reading of the inertial unit within the timeout?
     pub(super) fn imu_active(&self, now: Stamp, config: &AttitudeConfig) -> bool {
         self.imu

@@ -3,7 +3,7 @@
 
 use crate::config::LocalizeConfig;
 use crate::filter::log_variance::{LogVariance, NormalizedComponent};
-use crate::matching::{Match, PosePrior, Vector5};
+use crate::matching::{Match, PosePrior, RigidDifference};
 use crate::math;
 use crate::stamp::Stamp;
 
@@ -74,11 +74,10 @@ impl TiltSpread {
             return;
         };
         unmeasured.forget(seconds, TILT_DRIFT);
-        let [x, y, theta] = matched.pose.difference(prior.pose).into();
-        let [a, b] = matched.tilt;
+        let difference = RigidDifference::between(prior.pose, matched.pose);
         // S⁻¹(ŷ − y) = Σ⁻¹ν and Σ⁻¹, as in docs/methods.md 8.8.
-        let normalized = prior.information * Vector5::from([x, y, theta, a, b]);
-        let covariance = &matched.pose_tilt_covariance;
+        let normalized = prior.information * difference.with_tilt(matched.tilt);
+        let covariance = difference.covariance(&matched.pose_tilt_covariance);
         let information = prior.information - prior.information * covariance * prior.information;
         for k in 3..5 {
             let component = NormalizedComponent {

@@ -1,8 +1,11 @@
 //! Distance field: signed distance and direction to the nearest marking, by one look-up without interpolation.
 //!
-//! nubot2013 4 and minho2016 IV store the distance d(p) per cell. Here a cell stores the tangent line of its nearest
-//! marking (signed distance at the cell's centre and unit normal). Distance and gradient are exact for straight lines
-//! and within half a millimetre on the arcs, and the signed distance is smooth across the line's centre.
+//! nubot2013 4 and minho2016 IV store the distance d(p) per cell. Here a cell stores the tangent of its nearest marking and how it bends
+//! (signed distance at the cell's centre, unit normal and curvature). Distance and gradient are exact for straight lines and to second
+//! order on the arcs, and the signed distance is smooth across the line's centre.
+//!
+//! Without the curvature the normals of an arc's points would differ from its radii by half a degree, in steps. Points on one circle say
+//! nothing about a turn of the robot about its centre, but the squares of these errors would add up to a certain pose.
 
 use rayon::prelude::*;
 use schemars::JsonSchema;
@@ -30,7 +33,7 @@ impl Default for DistanceFieldConfig {
     }
 }
 
-/// Tangent of the marking nearest to a cell.
+/// Tangent of the marking nearest to a cell, and how it bends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(16))]
 struct Cell {
@@ -38,6 +41,9 @@ struct Cell {
     signed_distance: f32,
     normal_x: f32,
     normal_y: f32,
+    /// Turn of the normal per metre along the marking, radians: positive where the marking bends away from the normal. Zero at points,
+    /// whose normals turn too fast for a cell.
+    curvature: f32,
 }
 
 impl Cell {
@@ -46,6 +52,7 @@ impl Cell {
         signed_distance: f32::MAX,
         normal_x: 1.0,
         normal_y: 0.0,
+        curvature: 0.0,
     };
 }
 
@@ -119,9 +126,17 @@ impl DistanceField {
         let cell = self.cells[row * self.columns + column];
         let dx = x - (self.x0 + column as f32 * self.cell);
         let dy = y - (self.y0 + row as f32 * self.cell);
+        let along = cell.normal_x * dy - cell.normal_y * dx;
+        let turn = cell.curvature * along;
         NearestMarking {
-            signed_distance: cell.signed_distance + cell.normal_x * dx + cell.normal_y * dy,
-            normal: [cell.normal_x, cell.normal_y],
+            signed_distance: cell.signed_distance
+                + cell.normal_x * dx
+                + cell.normal_y * dy
+                + 0.5 * turn * along,
+            normal: [
+                cell.normal_x - turn * cell.normal_y,
+                cell.normal_y + turn * cell.normal_x,
+            ],
         }
     }
 
@@ -147,17 +162,23 @@ impl DistanceField {
                 .trunc();
             index[k] = row[k] as i32 * self.columns as i32 + column[k] as i32;
         }
-        let [mut distance, mut normal_x, mut normal_y] = [[0.0; N]; 3];
+        let [mut distance, mut normal_x, mut normal_y, mut curvature] = [[0.0; N]; 4];
         for k in 0..N {
             let cell = self.cells[index[k] as usize];
             distance[k] = cell.signed_distance;
             normal_x[k] = cell.normal_x;
             normal_y[k] = cell.normal_y;
+            curvature[k] = cell.curvature;
         }
         for k in 0..N {
             let dx = x[k] - (self.x0 + column[k] * self.cell);
             let dy = y[k] - (self.y0 + row[k] * self.cell);
-            distance[k] = distance[k] + normal_x[k] * dx + normal_y[k] * dy;
+            let along = normal_x[k] * dy - normal_y[k] * dx;
+            let turn = curvature[k] * along;
+            distance[k] = distance[k] + normal_x[k] * dx + normal_y[k] * dy + 0.5 * turn * along;
+            let (nx, ny) = (normal_x[k], normal_y[k]);
+            normal_x[k] = nx - turn * ny;
+            normal_y[k] = ny + turn * nx;
         }
         [distance, normal_x, normal_y]
     }
@@ -262,6 +283,7 @@ fn tangent_to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
                     signed_distance: (y - from.y) * ux - (x - from.x) * uy,
                     normal_x: -uy,
                     normal_y: ux,
+                    curvature: 0.0,
                 }
             }
         }
@@ -277,6 +299,7 @@ fn tangent_to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
                 let out = tangent_to_point(dx, dy);
                 Cell {
                     signed_distance: out.signed_distance - radius,
+                    curvature: 1.0 / out.signed_distance.max(0.5 * radius),
                     ..out
                 }
             } else {
@@ -307,12 +330,14 @@ fn tangent_to_point(dx: f32, dy: f32) -> Cell {
             signed_distance: 0.0,
             normal_x: 1.0,
             normal_y: 0.0,
+            curvature: 0.0,
         };
     }
     Cell {
         signed_distance: distance,
         normal_x: dx / distance,
         normal_y: dy / distance,
+        curvature: 0.0,
     }
 }
 

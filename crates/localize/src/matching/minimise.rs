@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::distance_field::DistanceField;
 use super::normal_equations::{NormalEquations, Pass};
-use super::{Matcher, Vector5};
+use super::{Matcher, Matrix5, Vector5};
 
 impl Matcher {
     /// One pass over the points: normal equations of the reweighted squares, and the sums for the quality.
@@ -55,8 +55,7 @@ impl Matcher {
         let mut last = Vector3::zeros();
         for count in 1..=self.config.steps_max {
             let sums = self.accumulate(distances, state, kernel_factor);
-            let prior_gradient =
-                self.prior.information * self.prior_residual(state) * self.repetition;
+            let (_, prior_gradient) = self.prior_terms(state);
             let gradient = (sums.gradient + prior_gradient)
                 .fixed_rows::<3>(0)
                 .into_owned();
@@ -91,11 +90,20 @@ impl Matcher {
         (start_error / (self.config.kernel_scale_sigmas * variance.sqrt())).clamp(1.0, 16.0)
     }
 
+    /// The prior's part of the normal equations: matrix and gradient.
+    fn prior_terms(&self, state: &Vector5) -> (Matrix5, Vector5) {
+        let difference = self.from_prior(state);
+        let jacobian = difference.jacobian_with_tilt();
+        let weighted = jacobian.transpose() * self.prior.information * self.repetition;
+        let deviation = difference.with_tilt([state[3], state[4]]);
+        (weighted * jacobian, weighted * deviation)
+    }
+
     /// The Gauss-Newton step with the prior; zero if the normal equations are singular.
     fn gauss_newton_step(&self, sums: &NormalEquations, state: &Vector5) -> Vector5 {
-        let prior = self.prior.information * self.repetition;
-        let normal = sums.normal + prior;
-        let gradient = sums.gradient + prior * self.prior_residual(state);
+        let (prior_normal, prior_gradient) = self.prior_terms(state);
+        let normal = sums.normal + prior_normal;
+        let gradient = sums.gradient + prior_gradient;
         let Some(cholesky) = normal.cholesky() else {
             return Vector5::zeros();
         };

@@ -13,9 +13,10 @@ mod normal_equations;
 mod parameters;
 mod point_spread;
 mod repeated_errors;
+mod rigid_difference;
 mod summary;
 
-use crate::frames::{Pose, wrap_angle};
+use crate::frames::Pose;
 use crate::matching::distance_field::DistanceField;
 use crate::sample::LinePoint;
 use nalgebra::Matrix3;
@@ -28,6 +29,7 @@ pub use point_spread::SpreadFactor;
 use point_spread::{PointSpread, Residual};
 pub use repeated_errors::Repetition;
 use repeated_errors::{Remainder, RepeatedErrors};
+pub use rigid_difference::RigidDifference;
 
 /// Range of a typical line point, metres.
 pub(crate) const TYPICAL_RANGE: f32 = 3.0;
@@ -315,14 +317,8 @@ impl Matcher {
         1.0 / (std * std).max(1e-10)
     }
 
-    fn prior_residual(&self, state: &Vector5) -> Vector5 {
-        let prior = self.prior.pose;
-        Vector5::from([
-            state[0] - prior.x,
-            state[1] - prior.y,
-            wrap_angle(state[2] - prior.theta),
-            state[3],
-            state[4],
-        ])
+    /// Difference of a state from the prior.
+    fn from_prior(&self, state: &Vector5) -> RigidDifference {
+        RigidDifference::between(self.prior.pose, Pose::new(state[0], state[1], state[2]))
     }
 }

@@ -34,20 +34,21 @@ impl Matcher {
             / (weight + stated_weight))
             .clamp(0.1, 25.0);
         let variance_scale = scale * NEAREST_MARKING_SCALE * self.repetition;
-        let pose_tilt =
-            well_determined_inverse(&(sums.normal / variance_scale + self.prior.information))
-                .unwrap_or_else(|| {
-                    let pass = self.pass(state, 1.0);
-                    let points = pass.exact_normal(&self.lanes, distances);
-                    let prior = self.prior.information.map(f64::from);
-                    inverse_of(
-                        &(points / f64::from(variance_scale) + prior),
-                        &self.uninformative_prior().map(f64::from),
-                    )
-                });
+        let difference = self.from_prior(state);
+        let prior = difference.information(&self.prior.information);
+        let pose_tilt = well_determined_inverse(&(sums.normal / variance_scale + prior))
+            .unwrap_or_else(|| {
+                let pass = self.pass(state, 1.0);
+                let points = pass.exact_normal(&self.lanes, distances);
+                let prior = prior.map(f64::from);
+                inverse_of(
+                    &(points / f64::from(variance_scale) + prior),
+                    &self.uninformative_prior().map(f64::from),
+                )
+            });
         let pose_tilt = (pose_tilt + pose_tilt.transpose()) * 0.5;
         let repetition = self.repeated.repetition();
-        let deviation = self.prior_residual(state);
+        let deviation = difference.with_tilt([state[3], state[4]]);
         let kernel_squared = self.config.kernel_scale_sigmas * self.config.kernel_scale_sigmas;
         Match {
             pose: Pose::new(state[0], state[1], state[2]),
@@ -57,7 +58,7 @@ impl Matcher {
             pose_tilt_covariance: pose_tilt,
             repetition_ratio: self.repetition / repetition.image_factor(),
             repeated_factor: repetition.floor_factor() * scale / variance_scale,
-            determined_parameters: PARAMETERS as f32 - (pose_tilt * self.prior.information).trace(),
+            determined_parameters: PARAMETERS as f32 - (pose_tilt * prior).trace(),
             observed_scale,
             variance_scale,
             point_spread: self.spread_factor,

@@ -1,7 +1,8 @@
 //! Pose update of the joint filter by a matched image (docs/methods.md 8.7).
 //!
 //! An image measures pose and tilt (x, y, θ, a, b) at its exposure. The matcher already contains the prediction, so the
-//! update takes a posterior: x ← x + K (ŷ − y), P ← P − K (S − P_y) Kᵀ with K = P Hᵀ S⁻¹.
+//! update takes a posterior: x ← x + K (ŷ − y), P ← P − K (S − P_y) Kᵀ with K = P Hᵀ S⁻¹. The difference ŷ − y is that of rigid motions,
+//! as in the matcher, and the covariance is that of pose errors at the new pose again in the end.
 
 use nalgebra::{SMatrix, Vector3};
 
@@ -11,7 +12,7 @@ use super::state::{IMU_MOUNT, LATENCY, POSE, STATES, TILT, TWIST, YAW_RATE};
 use crate::filter::pose_gaussian::PosePosterior;
 use crate::filter::{FilterConfig, TiltPrior};
 use crate::frames::wrap_angle;
-use crate::matching::{Matrix5, PARAMETERS, Vector5};
+use crate::matching::{Matrix5, PARAMETERS, RigidDifference, Vector5};
 use crate::math;
 
 /// P Hᵀ.
@@ -93,23 +94,26 @@ impl JointFilter {
             return;
         };
         let gain = cross * information;
-        let pose_innovation = posterior.pose.difference(self.pose());
-        let [x, y, theta] = pose_innovation.into();
-        let [a, b] = posterior.tilt;
-        let innovation = Vector5::from([x, y, theta, a, b]);
-        self.update_wheel_noise(&information, &innovation, posterior);
+        let predicted_pose = self.pose();
+        let difference = RigidDifference::between(predicted_pose, posterior.pose);
+        let innovation = difference.with_tilt(posterior.tilt);
+        let remaining = difference.covariance(&posterior.covariance);
+        self.update_wheel_noise(&information, &innovation, &remaining);
         let rows = self.pose_rows(tilt_prior);
         if let Some(errors) = &mut self.mate_errors {
-            let posterior = &posterior.covariance;
-            errors.update_by_image(&rows, &cross, &information, posterior);
+            errors.update_by_image(&rows, &cross, &information, &remaining);
         }
+        let reduction = predicted - remaining;
         if let Some(clone) = &mut self.image_clone {
-            let reduction = predicted - posterior.covariance;
             clone.update_by_image(&rows, &information, &innovation, &reduction, &gain);
         }
         let step = gain * innovation;
         for (value, step) in self.state.iter_mut().zip(step.iter()) {
             *value += step;
+        }
+        let bend = posterior.pose.difference(predicted_pose) - difference.deviation;
+        for (value, bend) in self.state[POSE..].iter_mut().zip(bend.iter()) {
+            *value += bend;
         }
         self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
         self.clamp_scales();
@@ -118,8 +122,17 @@ impl JointFilter {
             // its stamp would be matched without that sample.
             self.state[LATENCY] = config.camera_latency;
         }
-        let reduction = gain * (predicted - posterior.covariance) * gain.transpose();
-        self.reduce_covariance(&reduction, posterior, config);
+        let reduction = gain * reduction * gain.transpose();
+        self.reduce_covariance(&reduction);
+        self.bend_pose_errors(&difference);
+        if config.camera_latency_std == 0.0 {
+            // Without a latency state the pose's posterior is known without rounding.
+            for i in 0..3 {
+                for j in 0..3 {
+                    self.covariance[i][j] = posterior.covariance[(i, j)];
+                }
+            }
+        }
         self.add_pose_step();
     }
 
@@ -130,35 +143,30 @@ impl JointFilter {
         tilt_prior: TiltPrior,
     ) {
         if let Some(information) = self.predicted_covariance(tilt_prior).try_inverse() {
-            let [x, y, theta] = posterior.pose.difference(self.pose()).into();
-            let [a, b] = posterior.tilt;
-            let innovation = Vector5::from([x, y, theta, a, b]);
-            self.update_wheel_noise(&information, &innovation, posterior);
+            let difference = RigidDifference::between(self.pose(), posterior.pose);
+            let innovation = difference.with_tilt(posterior.tilt);
+            let remaining = difference.covariance(&posterior.covariance);
+            self.update_wheel_noise(&information, &innovation, &remaining);
         }
     }
 
-    /// `information`: S⁻¹. The innovation's own Σ⁻¹ = (S + R)⁻¹ follows from the posterior: S⁻¹ − S⁻¹ P_y S⁻¹.
+    /// `information`: S⁻¹; `remaining`: P_y. The innovation's own Σ⁻¹ = (S + R)⁻¹ follows from the posterior: S⁻¹ − S⁻¹ P_y S⁻¹.
     fn update_wheel_noise(
         &mut self,
         information: &Matrix5,
         innovation: &Vector5,
-        posterior: &PosePosterior,
+        remaining: &Matrix5,
     ) {
         self.wheel_noise.update_by_image(
             &(information * innovation),
-            &(information - information * posterior.covariance * information),
+            &(information - information * remaining * information),
             information,
-            &(posterior.covariance.fixed_rows::<3>(0) * information.fixed_columns::<3>(0)),
+            &(remaining.fixed_rows::<3>(0) * information.fixed_columns::<3>(0)),
         );
     }
 
     /// P ← P − `reduction`, kept symmetric and positive on the diagonal.
-    fn reduce_covariance(
-        &mut self,
-        reduction: &SMatrix<f32, STATES, STATES>,
-        posterior: &PosePosterior,
-        config: &FilterConfig,
-    ) {
+    fn reduce_covariance(&mut self, reduction: &SMatrix<f32, STATES, STATES>) {
         for i in 0..STATES {
             for j in 0..=i {
                 let mean = 0.5 * (self.covariance[i][j] + self.covariance[j][i]);
@@ -172,13 +180,31 @@ impl JointFilter {
                 self.covariance[j][i] = value;
             }
         }
-        if config.camera_latency_std == 0.0 {
-            // Without a latency state the pose's posterior is known without rounding.
-            for i in 0..3 {
-                for j in 0..3 {
-                    self.covariance[i][j] = posterior.covariance[(i, j)];
-                }
+    }
+
+    /// Errors of the rigid difference from a predicted pose become those of the pose.
+    fn bend_pose_errors(&mut self, difference: &RigidDifference) {
+        let Some(inverse) = difference.jacobian.try_inverse() else {
+            return;
+        };
+        let bent = |errors: [f32; 3]| <[f32; 3]>::from(inverse * Vector3::from(errors));
+        for column in 0..STATES {
+            let errors = bent([0, 1, 2].map(|k| self.covariance[POSE + k][column]));
+            for (k, error) in errors.into_iter().enumerate() {
+                self.covariance[POSE + k][column] = error;
             }
+        }
+        for line in &mut self.covariance {
+            let errors = bent([0, 1, 2].map(|k| line[POSE + k]));
+            line[POSE..POSE + 3].copy_from_slice(&errors);
+        }
+        for line in self
+            .image_clone
+            .iter_mut()
+            .flat_map(|clone| &mut clone.cross)
+        {
+            let errors = bent([0, 1, 2].map(|k| line[POSE + k]));
+            line[POSE..POSE + 3].copy_from_slice(&errors);
         }
     }
 }
