@@ -28,9 +28,9 @@ fn picture(centre: [f32; 2], seed: usize, halo: f32) -> Image {
     }
 }
 
-/// The rim in pictures about a centre, for a set-up that says another one.
-fn find(stated: [f32; 2], centre: [f32; 2], halo: f32) -> Option<[f32; 3]> {
-    let camera = CameraConfig {
+/// A camera whose set-up says this centre.
+fn camera(stated: [f32; 2]) -> CameraConfig {
+    CameraConfig {
         width_px: SIZE[0],
         height_px: SIZE[1],
         centre_px: stated,
@@ -39,8 +39,12 @@ fn find(stated: [f32; 2], centre: [f32; 2], halo: f32) -> Option<[f32; 3]> {
         forward_deg: 90.0,
         flipped: true,
         outer_radius_px: Some(RADIUS),
-    };
-    let mut rim = VisibleRim::new(&camera, SIZE)?;
+    }
+}
+
+/// The rim in pictures about a centre, for a set-up that says another one.
+fn find(stated: [f32; 2], centre: [f32; 2], halo: f32) -> Option<[f32; 3]> {
+    let mut rim = VisibleRim::new(&camera(stated), SIZE)?;
     for seed in 0..6 {
         rim.add(&picture(centre, seed, halo).view());
     }
@@ -65,4 +69,17 @@ fn rim_is_found_where_it_is_seen() {
 #[test]
 fn pictures_without_a_dark_border_have_no_rim() {
     assert_eq!(find([160.0, 120.0], [160.0, 120.0], 400.0), None);
+}
+
+#[test]
+fn no_picture_or_a_dark_one_has_no_rim() {
+    let mut rim = VisibleRim::new(&camera([160.0, 120.0]), SIZE).expect("a stated rim");
+    assert!(rim.find().is_none());
+    let dark = Image {
+        width_px: SIZE[0],
+        height_px: SIZE[1],
+        rgb: vec![3; 3 * SIZE[0] * SIZE[1]],
+    };
+    rim.add(&dark.view());
+    assert!(rim.find().is_none());
 }

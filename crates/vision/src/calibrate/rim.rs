@@ -124,6 +124,9 @@ pub(crate) fn fit_edges(
     edges: &[[f32; 2]],
     size: [usize; 2],
 ) -> Result<(Rim, Vec<[f32; 2]>), RimError> {
+    if edges.len() < POINTS_MIN {
+        return Err(RimError::NotACircle { percent: 0 });
+    }
     let circle = best_circle(edges, size).ok_or(RimError::NotACircle { percent: 0 })?;
     let is_on = |point: &&[f32; 2]| distance(circle, **point).abs() <= TOLERANCE_PX;
     let inliers: Vec<[f32; 2]> = edges.iter().filter(is_on).copied().collect();
