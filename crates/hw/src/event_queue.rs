@@ -36,7 +36,7 @@ pub enum DeviceEvent {
 /// Events that were dropped because the queue was full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DroppedInputs {
-    /// Images that a newer one replaced.
+    /// Images that a newer one replaced, or that waited while this program was paused.
     pub images: u64,
     /// Samples that were dropped for newer ones.
     pub samples: u64,
@@ -118,6 +118,13 @@ impl EventQueue {
             .unwrap_or_else(PoisonError::into_inner);
         let sample = queue.samples.pop_front();
         sample.or_else(|| queue.image.take().map(DeviceEvent::Image))
+    }
+
+    /// Removes the image, which was captured before this program was paused.
+    pub(crate) fn discard_image(&self) {
+        let mut queue = self.lock();
+        let discarded = queue.image.take();
+        queue.dropped.images += u64::from(discarded.is_some());
     }
 
     /// Events dropped so far.

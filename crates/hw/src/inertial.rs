@@ -77,15 +77,15 @@ fn run(
             Some(std::os::fd::AsFd::as_fd(serial)),
             clock::now() + POLL_PERIOD,
         );
-        if let Some(pause) = pause_detector.check(clock::now()) {
+        let arrival = clock::now();
+        if let Some(pause) = pause_detector.check(arrival) {
             serial.discard_input()?;
             decoder.reset();
             monitor.report_event(pause_reason(pause));
-            stall_detector.on_message(clock::now(), decoder.stats().garbage_bytes);
+            stall_detector.on_message(arrival, decoder.stats().garbage_bytes);
             continue;
         }
         if readable {
-            let arrival = clock::now();
             let bytes = serial.read(&mut buffer, arrival)?;
             let readings = decoder.decode(&buffer[..bytes], arrival);
             let stats = decoder.stats();
@@ -108,7 +108,8 @@ fn run(
                 monitor.set_state(HealthState::Running, None);
             }
         }
-        stall_detector.check(clock::now(), decoder.stats().garbage_bytes)?;
+        // By the time of the check for a pause: one that began since is no silence of the sensor.
+        stall_detector.check(arrival, decoder.stats().garbage_bytes)?;
     }
     Ok(())
 }
@@ -200,9 +201,10 @@ impl InertialDecoder {
         readings
     }
 
-    /// Discards an incomplete message, after a gap in the input.
+    /// Discards an incomplete message, after a gap in the input. How long the readings were constant is unknown then.
     fn reset(&mut self) {
         self.last_arrival = None;
+        self.last_change = None;
         match &mut self.decoder {
             SensorStream::Bno085(stream, before) => {
                 stream.reset();
@@ -452,6 +454,31 @@ mod tests {
         message.roll_cdeg = 1;
         decoder.decode(&message.encode(), Stamp(1_000_000_000));
         assert_eq!(decoder.constant_for(Stamp(1_000_000_000)), 0.0);
+    }
+
+    #[test]
+    fn readings_are_not_constant_over_a_gap_in_the_input() {
+        for sensor in [InertialSensor::Bno085, InertialSensor::Wit] {
+            let mut decoder = InertialDecoder::new(&device(sensor));
+            let (first, rest) = match sensor {
+                InertialSensor::Bno085 => (Rvc::default().encode().to_vec(), Vec::new()),
+                InertialSensor::Wit => {
+                    let message = |kind| Wit { kind, raw: [0; 4] }.encode().to_vec();
+                    (
+                        message(DataType::Acceleration),
+                        message(DataType::AngularRate),
+                    )
+                }
+            };
+            decoder.decode(&[&first[..], &rest].concat(), Stamp(0));
+            decoder.reset();
+            let resumed = Stamp(10_000_000_000);
+            // A part of a reading, as it may come first.
+            decoder.decode(&first, resumed);
+            assert_eq!(decoder.constant_for(resumed), 0.0, "{sensor:?}");
+            decoder.decode(&rest, resumed);
+            assert_eq!(decoder.constant_for(resumed), 0.0, "{sensor:?}");
+        }
     }
 
     #[test]

@@ -250,6 +250,7 @@ impl RunLoop {
             realtime_priority,
             wake_up,
             samples_refused: state.samples_refused,
+            images_overtaken: state.images_overtaken,
             wheels_stopped,
             commands,
             team,
@@ -332,6 +333,10 @@ impl RunLoop {
 
     fn handle_event(&mut self, event: DeviceEvent, state: &mut RunState, status: &mut RunStatus) {
         let sample = match event {
+            DeviceEvent::Image(image) if state.is_overtaken(&image) => {
+                state.images_overtaken += 1;
+                return;
+            }
             DeviceEvent::Image(image) => Sample::Image(state.camera_image(image)),
             DeviceEvent::Odometry(odometry) => Sample::Odometry(odometry),
             DeviceEvent::Command(command) => Sample::Command(command),
@@ -589,6 +594,8 @@ struct RunState {
     next_clock_note: Stamp,
     /// Samples with values that are not finite.
     samples_refused: u64,
+    /// Images that came after a cycle of a later time.
+    images_overtaken: u64,
     setup_watch: SetupWatch,
     /// Sensors that were found to be useless.
     dropped: Vec<Table>,
@@ -604,6 +611,7 @@ impl RunState {
             clock_offset_ns: hw::realtime_offset_ns(),
             next_clock_note: hw::now() + CLOCK_NOTE_PERIOD,
             samples_refused: 0,
+            images_overtaken: 0,
             setup_watch: SetupWatch::new(setup, config),
             dropped: Vec::new(),
         }
@@ -624,6 +632,14 @@ impl RunState {
         // Slewing by NTP is followed silently.
         self.clock_offset_ns = offset_ns;
         (step.abs() > WALL_CLOCK_STEP_MIN).then_some(step)
+    }
+
+    /// Is an image no later than the last cycle? A cycle without an image may have been computed before a late one came. The stamps of
+    /// cycles increase.
+    fn is_overtaken(&self, image: &CapturedImage) -> bool {
+        self.last_cycle
+            .as_ref()
+            .is_some_and(|cycle| image.stamp <= cycle.stamp)
     }
 
     fn camera_image(&mut self, image: CapturedImage) -> CameraImage {

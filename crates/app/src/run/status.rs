@@ -67,6 +67,8 @@ pub(crate) struct RunReport {
     pub samples_dropped: u64,
     /// Samples with values that are not finite.
     pub samples_refused: u64,
+    /// Images that came after a cycle of a later time, and were not used.
+    pub images_overtaken: u64,
     /// Memory of the process after its first minute, MB. None for a shorter run.
     pub memory_first_mb: Option<f64>,
     /// Maximum since then, MB.
@@ -119,6 +121,8 @@ pub(crate) struct RunOutcome {
     pub wake_up: LatencySummary,
     /// Samples with values that are not finite.
     pub samples_refused: u64,
+    /// Images that came after a cycle of a later time.
+    pub images_overtaken: u64,
     /// The base took the stop command; true without a base.
     pub wheels_stopped: bool,
     /// Counts of remote commands, if they are configured.
@@ -395,6 +399,7 @@ impl RunStatus {
             frames_replaced: outcome.dropped.images,
             samples_dropped: outcome.dropped.samples,
             samples_refused: outcome.samples_refused,
+            images_overtaken: outcome.images_overtaken,
             memory_first_mb: self.memory_first_mb,
             memory_max_mb: self.memory_max_mb,
             memory_mb: memory_mb(),

@@ -52,7 +52,8 @@ impl ControlLoop {
     /// Sends and receives until the bus fails (an error) or the waker stops it.
     pub(super) fn run(&mut self, link: &mut BaseLink, waker: &Waker) -> Result<(), HwError> {
         let period = 1.0 / f64::from(self.device.rate_hz);
-        let start = clock::now();
+        // Since when the wheels' silence counts: the connection, or the end of a pause.
+        let mut start = clock::now();
         let mut stall_detector = StallDetector::new(&self.device.port, self.device.stall);
         let mut reports = Vec::new();
         // When the last command is repeated, and from when on a new one is sent.
@@ -91,16 +92,18 @@ impl ControlLoop {
                 next_send
             };
             let readable = waker.wait(Some(link.fd()), until);
-            if let Some(pause) = pause_detector.check(clock::now()) {
+            let arrival = clock::now();
+            if let Some(pause) = pause_detector.check(arrival) {
                 link.discard_input()?;
-                // The base has rightly stopped meanwhile.
+                // The base has rightly stopped meanwhile, and the line has carried what waited.
                 self.confirmations.on_output_discarded();
+                self.output.blocked_since = None;
                 self.monitor.report_event(pause_reason(pause));
-                stall_detector.on_message(clock::now(), link.stats().garbage_bytes);
+                stall_detector.on_message(arrival, link.stats().garbage_bytes);
+                start = arrival;
                 continue;
             }
             if readable {
-                let arrival = clock::now();
                 link.receive(arrival, &mut reports)?;
                 let stats = link.stats();
                 self.monitor.set_decoder_stats(stats);
@@ -114,9 +117,9 @@ impl ControlLoop {
                     self.monitor.report_event(reason);
                 }
             }
-            let now = clock::now();
-            stall_detector.check(now, link.stats().garbage_bytes)?;
-            self.update_health(link, now, start);
+            // By the time of the check for a pause: one that began since is no silence of the base.
+            stall_detector.check(arrival, link.stats().garbage_bytes)?;
+            self.update_health(link, arrival, start);
             if !rate_checked && self.odometer.all_updated_since(start) {
                 rate_checked = true;
                 self.report_slow_line();
@@ -154,7 +157,7 @@ impl ControlLoop {
         }
     }
 
-    /// Sends the commands that are valid when they arrive. `start`: of the connection. A base that must not drive gets no speeds and no
+    /// Sends the commands that are valid when they arrive. `start`: of the connection, or the end of a pause. A base that must not drive gets no speeds and no
     /// kicks, and its dribbler stands: they would turn the moment it may again.
     ///
     /// False if the bus still carries the last commands: the newest wait here, where they expire, and not behind old ones. Only a stop
@@ -231,8 +234,8 @@ impl ControlLoop {
         Ok(true)
     }
 
-    /// Does a wheel not report, by its own controller or by the board's encoder counts, in this connection? What the wheels do then is
-    /// unknown. A connection that was opened anew because of silence knows as little as the one before.
+    /// Does a wheel not report, by its own controller or by the board's encoder counts, in this connection and since the last pause? What
+    /// the wheels do then is unknown. A connection that was opened anew because of silence knows as little as the one before.
     fn is_blind(&self, now: Stamp, start: Stamp) -> bool {
         let timeout = self.device.stall;
         !self.odometer.all_updated_since(start)

@@ -107,6 +107,24 @@ impl CameraBackend {
         }
     }
 
+    /// Discards the images that wait for this program. An error if the device is to be opened anew.
+    fn discard_waiting(&mut self, waker: &Waker, pool: &BufferPool) -> Result<(), HwError> {
+        let until = clock::now() + DISCARD_TIME_MAX;
+        match self {
+            CameraBackend::Socket(socket) => {
+                let waits = || waker.wait(Some(socket.as_fd()), clock::now());
+                while waits() && clock::now() < until && !waker.stop_requested() {
+                    socket.receive(pool)?;
+                }
+                Ok(())
+            }
+            // A capture takes all.
+            CameraBackend::V4l2(camera) => camera.capture(pool).map(drop),
+            #[cfg(feature = "aravis")]
+            CameraBackend::GenICam(camera) => camera.capture(pool).map(drop),
+        }
+    }
+
     /// Takes the newest complete image.
     fn capture(&mut self, pool: &BufferPool) -> Result<Capture, HwError> {
         match self {
@@ -143,6 +161,7 @@ impl CameraDriver {
             pool: BufferPool::new(queued_images),
             monitor: monitor.clone(),
             queue: queue.clone(),
+            resumed: None,
         };
         let open_config = device.clone();
         let worker = Worker::start(
@@ -189,6 +208,11 @@ impl CameraDriver {
     }
 }
 
+/// Longest time in which a sender's images are discarded without their stamps, seconds: some send whenever the last one was taken.
+const DISCARD_TIME_MAX: f64 = 0.1;
+/// Time after a pause in which images that were taken before its end may come from a sender that waited, seconds. Later such a stamp is
+/// one of another clock.
+const STALE_TIME: f64 = 0.5;
 /// Bytes that are compared to detect a repeated image; sensor noise changes some of any hundred.
 const COMPARED_BYTES: usize = 4096;
 
@@ -201,6 +225,8 @@ struct CaptureLoop {
     pool: BufferPool,
     monitor: Monitor,
     queue: EventQueue,
+    /// End of the last pause of this program.
+    resumed: Option<Stamp>,
 }
 
 impl CaptureLoop {
@@ -215,15 +241,24 @@ impl CaptureLoop {
         let mut pause_detector = PauseDetector::new(clock::now());
         while !waker.stop_requested() {
             let ready = backend.wait(waker, clock::now() + POLL_PERIOD);
-            if let Some(pause) = pause_detector.check(clock::now()) {
-                // Images that waited in the driver would look like new ones with implausible stamps.
-                if ready {
-                    backend.capture(&self.pool)?;
-                }
+            let capture = ready.then(|| backend.capture(&self.pool));
+            let now = clock::now();
+            if let Some(pause) = pause_detector.check(now) {
                 self.monitor.report_event(pause_reason(pause));
-                stall_detector.on_message(clock::now(), 0);
+                let is_alive = capture.is_none_or(|capture| capture.is_ok())
+                    && backend.discard_waiting(waker, &self.pool).is_ok();
+                let resumed = clock::now();
+                self.resumed = Some(resumed);
+                self.queue.discard_image();
+                if !is_alive {
+                    // A sender gives up a reader that takes nothing, which is no fault of the camera: it is opened anew.
+                    return Ok(());
+                }
+                stall_detector.on_message(resumed, 0);
+                repeat_detector = RepeatDetector::default();
                 continue;
             }
+            let capture = capture.transpose()?;
             let pending = self
                 .pending_settings
                 .lock()
@@ -232,11 +267,13 @@ impl CaptureLoop {
             if let Some(pending) = pending {
                 self.apply_settings(backend, pending)?;
             }
-            if ready {
-                let capture = backend.capture(&self.pool)?;
+            if let Some(capture) = capture {
                 (0..capture.damaged).for_each(|_| self.monitor.count_damaged());
-                let now = clock::now();
                 if let Some(image) = capture.image {
+                    if self.is_stale(&image, now) {
+                        stall_detector.on_message(now, 0);
+                        continue;
+                    }
                     let unchanged_since = repeat_detector.unchanged_since(&image, now);
                     stall_detector.on_message(now, 0);
                     let Some(mut image) = image.decompress(&self.pool) else {
@@ -253,9 +290,16 @@ impl CaptureLoop {
                     self.queue.push(DeviceEvent::Image(image));
                 }
             }
-            stall_detector.check(clock::now(), 0)?;
+            // By the time of the check for a pause: one that began since is no silence of the camera.
+            stall_detector.check(now, 0)?;
         }
         Ok(())
+    }
+
+    /// Was the image taken before the end of the last pause? Its stamp says so, unless it is one of another clock.
+    fn is_stale(&self, image: &CapturedImage, now: Stamp) -> bool {
+        self.resumed
+            .is_some_and(|resumed| image.stamp < resumed && now - resumed < STALE_TIME)
     }
 
     /// Applies settings. A device that refuses them keeps its own and streams on; that is reported.
