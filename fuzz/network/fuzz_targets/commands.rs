@@ -12,7 +12,7 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let Ok(mut filter) = CommandFilter::new(&config, RobotIdentity { robot: 1, boot: 1 }) else {
         return;
     };
-    if let Ok(command) = filter.accept(bytes, Stamp(0)) {
+    if let Ok(command) = filter.accept(bytes, None, Stamp(0)) {
         assert!(command.valid_for.as_millis() <= 100);
         assert!(
             command
@@ -20,6 +20,6 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
                 .is_none_or(|drive| drive.x.abs() <= config.speed_max)
         );
         // The same datagram again is a replay.
-        assert!(filter.accept(bytes, Stamp(0)).is_err());
+        assert!(filter.accept(bytes, None, Stamp(0)).is_err());
     }
 });

@@ -23,18 +23,13 @@ impl CommandSenders {
         }
     }
 
-    /// Takes note of an accepted command. `has_taken_over`: it began a session. A message for the operator, if another sender
-    /// drove before.
-    pub(super) fn accept(
-        &mut self,
-        received: &ReceivedDatagram,
-        has_taken_over: bool,
-    ) -> Option<String> {
+    /// Takes note of an accepted command. A message for the operator, if another sender drove before.
+    pub(super) fn accept(&mut self, received: &ReceivedDatagram) -> Option<String> {
         let source = received.source;
         let before = self.driving;
         self.driving = source.or(before);
-        let is_due = has_taken_over
-            && before.is_some()
+        let is_due = before.is_some()
+            && self.driving != before
             && self.notices.is_due(source, None, received.arrival);
         is_due.then(|| {
             let (now, before) = (
@@ -62,10 +57,12 @@ impl CommandSenders {
         })
     }
 
-    /// The text of a reason. It names the sender that took over.
+    /// The text of a reason. It names the sender that drives.
     pub(super) fn fault(&self, reason: RejectReason) -> String {
         match (reason, self.driving) {
-            (RejectReason::Superseded, Some(driving)) => format!("{reason}. It is {driving}"),
+            (RejectReason::Superseded | RejectReason::Shared, Some(driving)) => {
+                format!("{reason}. It is {driving}")
+            }
             _ => reason.to_string(),
         }
     }
@@ -87,9 +84,9 @@ mod tests {
     #[test]
     fn sender_that_takes_over_is_named() {
         let mut senders = CommandSenders::new();
-        assert_eq!(senders.accept(&received(10, 0.0), true), None);
-        assert_eq!(senders.accept(&received(10, 0.1), false), None);
-        let takeover = senders.accept(&received(20, 0.2), true);
+        assert_eq!(senders.accept(&received(10, 0.0)), None);
+        assert_eq!(senders.accept(&received(10, 0.1)), None);
+        let takeover = senders.accept(&received(20, 0.2));
         assert_eq!(
             takeover.as_deref(),
             Some("remote commands come from 127.0.0.1:20 now, in place of 127.0.0.1:10")
@@ -102,6 +99,11 @@ mod tests {
         assert_eq!(senders.reject(&received(10, 0.4), superseded), None);
         let fault = senders.fault(RejectReason::Superseded);
         assert!(fault.ends_with("It is 127.0.0.1:20"), "{fault}");
+        let shared = senders.reject(&received(10, 0.5), RejectReason::Shared);
+        assert!(
+            shared.is_some_and(|text| text.ends_with("It is 127.0.0.1:20")),
+            "another reason is another message"
+        );
         assert_eq!(
             senders.fault(RejectReason::Old),
             RejectReason::Old.to_string()

@@ -35,7 +35,8 @@ pub struct CommandConfig {
     pub speed_max: f32,
     /// Maximum speed of a kick, m/s.
     pub kick_max: f32,
-    /// After this time without an accepted command a sender may start again with a lower session, seconds. Without a key one that
+    /// After this time without an accepted command a sender may start again with a lower session, or go on with the same one from
+    /// another address, seconds. Without a key one that
     /// another sender interrupted goes on then; under a key it needs a session that was not used yet.
     pub silence: f64,
     /// Maximum age of the state on which a command is based, if the command names it, milliseconds. A state as far in the
@@ -114,15 +115,11 @@ impl CommandFilter {
         })
     }
 
-    /// The session of the latest accepted command.
-    pub fn session(&self) -> Option<u64> {
-        self.replay_guard.session()
-    }
-
-    /// Decodes and checks a datagram that arrived at `arrival`, in the clock of the published states.
+    /// Decodes and checks a datagram of `source` that arrived at `arrival`, in the clock of the published states.
     pub fn accept(
         &mut self,
         datagram: &[u8],
+        source: Option<SocketAddr>,
         arrival: Stamp,
     ) -> Result<RemoteCommand, RejectReason> {
         let content = verify_mac(datagram, self.key.as_ref())?;
@@ -172,6 +169,7 @@ impl CommandFilter {
         self.replay_guard.accept(
             command.session,
             command.sequence,
+            source,
             arrival.seconds(),
             config.silence,
         )?;
@@ -294,11 +292,13 @@ impl CommandListener {
                     let Some(received) = socket.receive(&mut datagram, POLL_PERIOD) else {
                         continue;
                     };
-                    let before = filter.session();
-                    let command = filter.accept(&datagram[..received.length], received.arrival);
+                    let command = filter.accept(
+                        &datagram[..received.length],
+                        received.source,
+                        received.arrival,
+                    );
                     if command.is_ok() {
-                        let has_taken_over = filter.session() != before;
-                        lock(&state.notices).extend(senders.accept(&received, has_taken_over));
+                        lock(&state.notices).extend(senders.accept(&received));
                     }
                     // The thread may have been stopped while the command waited in the socket.
                     let command = command.and_then(|command| {

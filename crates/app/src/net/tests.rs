@@ -248,16 +248,69 @@ fn command_is_delivered_once_and_its_validity_is_capped() {
 }
 
 #[test]
+fn second_sender_with_the_session_of_the_first_does_not_drive_and_is_named() {
+    let config = CommandConfig {
+        bind: "127.0.0.1:0".to_owned(),
+        silence: 1e4,
+        ..CommandConfig::default()
+    };
+    let (executed, received) = std::sync::mpsc::channel();
+    let execute = move |command: RemoteCommand| executed.send(command).is_ok();
+    let commands = CommandListener::listen(&config, IDENTITY, execute).expect("listening");
+    let [first, second] = [0, 1].map(|_| UdpSocket::bind("127.0.0.1:0").expect("a socket"));
+    let send = |socket: &UdpSocket, sequence, x| {
+        let drive = Some(Drive {
+            x,
+            y: 0.0,
+            theta: 0.0,
+        });
+        let command = Command {
+            valid_ms: 100.0,
+            drive,
+            ..command(sequence)
+        };
+        let sent = socket.send_to(&command.encode_to_vec(), commands.address());
+        sent.expect("sent");
+    };
+    for turn in 0..10 {
+        send(&first, 2 * turn, 0.5);
+        let driven = received.recv_timeout(TIMEOUT).expect("a command").drive;
+        assert_eq!(driven.map(|drive| drive.x), Some(0.5), "{turn}");
+        send(&second, 2 * turn + 1, -0.5);
+    }
+    let fault = commands.shared();
+    send(&first, 100, 0.5);
+    received.recv_timeout(TIMEOUT).expect("a command");
+    send(&second, 101, -0.5);
+    let start = std::time::Instant::now();
+    while fault.fault().is_empty() && start.elapsed() < TIMEOUT {
+        std::thread::yield_now();
+    }
+    let [first, second] = [first, second].map(|socket| socket.local_addr().expect("an address"));
+    assert!(fault.fault().ends_with(&format!("It is {first}")));
+    let notices = commands.take_notices();
+    assert!(
+        notices.len() == 1
+            && notices[0].starts_with(&format!("a remote command of {second} is rejected"))
+            && notices[0].contains("the same session"),
+        "{notices:?}"
+    );
+    let counts = commands.finish();
+    assert_eq!(counts.refused, BTreeMap::from([(RejectReason::Shared, 11)]));
+    assert_eq!(counts.accepted, 11);
+}
+
+#[test]
 fn empty_datagram_is_no_message() {
     let mut filter = CommandFilter::new(&CommandConfig::default(), IDENTITY).expect("a filter");
-    let refused = filter.accept(&[], Stamp(0)).map(|_| ());
+    let refused = filter.accept(&[], None, Stamp(0)).map(|_| ());
     assert_eq!(refused, Err(RejectReason::Foreign));
 }
 
 #[test]
 fn json_of_protobuf_libraries_is_a_command_and_one_without_a_version_is_named() {
     let mut filter = CommandFilter::new(&CommandConfig::default(), IDENTITY).expect("a filter");
-    let mut accept = |text: &str| filter.accept(text.as_bytes(), Stamp(0)).map(|_| ());
+    let mut accept = |text: &str| filter.accept(text.as_bytes(), None, Stamp(0)).map(|_| ());
     let session = r#""session": "1790000000000000000", "validMs": 100.0, "drive": {"x": 0.5}"#;
     let first = format!(r#"{{"version": 1, {session}}}"#);
     assert_eq!(accept(&first), Ok(()));
@@ -280,7 +333,7 @@ fn stray_command_of_another_program_interrupts_the_controller_for_the_silence_al
             ..command(sequence)
         };
         let arrival = Stamp(milliseconds * 1_000_000);
-        let accepted = filter.accept(&command.encode_to_vec(), arrival);
+        let accepted = filter.accept(&command.encode_to_vec(), None, arrival);
         accepted.map(|_| ())
     };
     assert_eq!(accept(5, 1, 0), Ok(()));
@@ -360,7 +413,7 @@ fn speed_over_the_ground_is_bounded_in_every_direction() {
             ..command(sequence)
         };
         filter
-            .accept(&command.encode_to_vec(), Stamp(0))
+            .accept(&command.encode_to_vec(), None, Stamp(0))
             .map(|_| ())
     };
     assert_eq!(accept(1, [0.6, -0.7, 1.0]), Ok(()));
@@ -379,7 +432,7 @@ fn command_under_a_key_names_this_start_of_this_robot() {
     let mut filter = CommandFilter::new(&config, IDENTITY).expect("a filter");
     let mut accept = |command: Command, milliseconds: i64| {
         let datagram = append_mac(command.encode_to_vec(), Some(&key));
-        let accepted = filter.accept(&datagram, Stamp(milliseconds * 1_000_000));
+        let accepted = filter.accept(&datagram, None, Stamp(milliseconds * 1_000_000));
         accepted.map(|_| ())
     };
     let unbound = Command {
@@ -425,7 +478,7 @@ fn command_under_a_key_names_this_start_of_this_robot() {
     let mut filter = CommandFilter::new(&open, IDENTITY).expect("a filter");
     let mut accept = |command: Command| {
         filter
-            .accept(&command.encode_to_vec(), Stamp(0))
+            .accept(&command.encode_to_vec(), None, Stamp(0))
             .map(|_| ())
     };
     assert_eq!(
@@ -515,7 +568,7 @@ proptest! {
         };
         let mut filter = CommandFilter::new(&config, IDENTITY).expect("a filter");
         let key = MacKey::new(SHARED_KEY).expect("a key");
-        prop_assert!(filter.accept(&noise, Stamp(0)).is_err());
+        prop_assert!(filter.accept(&noise, None, Stamp(0)).is_err());
         let mut newest = None;
         // Commands in any order, repeated, and with a wrong byte.
         for (sequence, place, flip) in cuts {
@@ -524,10 +577,10 @@ proptest! {
             let mut broken = whole.clone();
             if let Some(byte) = broken.get_mut(place) {
                 *byte ^= flip;
-                prop_assert!(filter.accept(&broken, Stamp(0)).is_err());
-                prop_assert!(filter.accept(&whole[..place], Stamp(0)).is_err());
+                prop_assert!(filter.accept(&broken, None, Stamp(0)).is_err());
+                prop_assert!(filter.accept(&whole[..place], None, Stamp(0)).is_err());
             }
-            let result = filter.accept(&whole, Stamp(0));
+            let result = filter.accept(&whole, None, Stamp(0));
             let fresh = newest.is_none_or(|newest| sequence > newest);
             prop_assert_eq!(result.is_ok(), fresh);
             newest = newest.max(Some(sequence));

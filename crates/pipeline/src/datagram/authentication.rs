@@ -1,5 +1,7 @@
 //! Who sent a datagram? Authentication codes under a shared key, and protection against replays.
 
+use std::net::SocketAddr;
+
 use hmac::{Hmac, Mac};
 use sha2::Sha256;
 
@@ -44,6 +46,11 @@ pub enum RejectReason {
         "another sender took over with a higher session. Start again with a higher one, or without a key wait until that sender is silent"
     )]
     Superseded,
+    /// From another address than the last message of the same session, which is not silent.
+    #[error(
+        "another sender uses the same session. Give each start of a program a session of its own (the time in nanoseconds), and send from one socket"
+    )]
+    Shared,
     /// A value is implausible on a field.
     #[error("no sensible numbers")]
     Senseless,
@@ -134,6 +141,8 @@ pub struct ReplayGuard {
 struct LastMessage {
     session: u64,
     sequence: u64,
+    /// Address of the sender, where it tells senders apart.
+    source: Option<SocketAddr>,
     /// Time of arrival, seconds.
     received: f64,
 }
@@ -157,7 +166,9 @@ impl ReplayGuard {
         }
     }
 
-    /// Checks the message `sequence` of a sender's `session` (larger for each start of the sender) at `now`, seconds.
+    /// Checks the message `sequence` of a sender's `session` (larger for each start of the sender) from `source` at `now`, seconds.
+    ///
+    /// A session belongs to the address of its last message until the silence: two senders with the same one would take turns.
     ///
     /// After `silence` seconds without an accepted message, a lower session is accepted too, because the sender's clock may
     /// have been set. Under a key never one that was accepted before; without one only messages after its last one.
@@ -165,30 +176,31 @@ impl ReplayGuard {
         &mut self,
         session: u64,
         sequence: u64,
+        source: Option<SocketAddr>,
         now: f64,
         silence: f64,
     ) -> Result<(), RejectReason> {
         if let Some(last) = self.last {
+            let is_silent = now - last.received >= silence;
             if session == last.session {
                 if sequence <= last.sequence {
                     return Err(RejectReason::Old);
                 }
+                if source != last.source && !is_silent {
+                    return Err(RejectReason::Shared);
+                }
             } else {
-                self.check_takeover(last, session, sequence, now - last.received >= silence)?;
+                self.check_takeover(last, session, sequence, is_silent)?;
                 self.end_session(last, session);
             }
         }
         self.last = Some(LastMessage {
             session,
             sequence,
+            source,
             received: now,
         });
         Ok(())
-    }
-
-    /// The session of the latest accepted message.
-    pub fn session(&self) -> Option<u64> {
-        self.last.map(|last| last.session)
     }
 
     /// May a session replace that of the last message?
@@ -244,7 +256,7 @@ mod tests {
     #[test]
     fn interrupted_sender_without_a_key_goes_on_after_the_silence() {
         let mut guard = ReplayGuard::new(false);
-        let mut accept = |session, sequence, now| guard.accept(session, sequence, now, 1.0);
+        let mut accept = |session, sequence, now| guard.accept(session, sequence, None, now, 1.0);
         assert_eq!(accept(10, 1, 0.0), Ok(()));
         assert_eq!(accept(10, 2, 0.1), Ok(()));
         // A single message of another program.
@@ -267,9 +279,34 @@ mod tests {
     }
 
     #[test]
+    fn session_belongs_to_one_address_until_it_is_silent() {
+        let [first, second] = [10, 20].map(|port| Some(SocketAddr::from(([127, 0, 0, 1], port))));
+        for has_key in [false, true] {
+            let mut guard = ReplayGuard::new(has_key);
+            let mut accept = |sequence, source, now| guard.accept(1, sequence, source, now, 1.0);
+            assert_eq!(accept(1, first, 0.0), Ok(()));
+            for turn in 1..100 {
+                let now = turn as f64 * 0.03;
+                assert_eq!(
+                    accept(10 * turn, second, now),
+                    Err(RejectReason::Shared),
+                    "{turn}"
+                );
+                assert_eq!(accept(10 * turn + 1, first, now), Ok(()), "{turn}");
+            }
+            // A copy is one, from wherever it comes, and uses up nothing.
+            assert_eq!(accept(5, second, 3.0), Err(RejectReason::Old));
+            // The program was started again, on another port.
+            assert_eq!(accept(2000, second, 3.5), Err(RejectReason::Shared));
+            assert_eq!(accept(2001, second, 4.0), Ok(()));
+            assert_eq!(accept(2002, first, 4.1), Err(RejectReason::Shared));
+        }
+    }
+
+    #[test]
     fn interrupted_sender_under_a_key_needs_a_new_session() {
         let mut guard = ReplayGuard::new(true);
-        let mut accept = |session, sequence, now| guard.accept(session, sequence, now, 1.0);
+        let mut accept = |session, sequence, now| guard.accept(session, sequence, None, now, 1.0);
         assert_eq!(accept(10, 1, 0.0), Ok(()));
         assert_eq!(accept(20, 1, 0.2), Ok(()));
         assert_eq!(accept(10, 99, 9.9), Err(RejectReason::Superseded));
@@ -279,7 +316,8 @@ mod tests {
     #[test]
     fn captured_sessions_cannot_be_replayed_in_turn_during_silence() {
         let mut guard = ReplayGuard::new(true);
-        let mut accept = |session, sequence, now| guard.accept(session, sequence, now, 1.0).is_ok();
+        let mut accept =
+            |session, sequence, now| guard.accept(session, sequence, None, now, 1.0).is_ok();
         assert!(accept(10, 1, 0.0) && accept(10, 2, 0.1));
         assert!(accept(20, 1, 0.2) && accept(20, 2, 0.3));
         for turn in 1..20 {
@@ -300,9 +338,9 @@ mod tests {
         let accepted = (0..1000_u64).rev();
         let accepted = accepted.filter(|session| {
             let now = (1000 - session) as f64 * 2.0;
-            guard.accept(*session, 1, now, 1.0).is_ok()
+            guard.accept(*session, 1, None, now, 1.0).is_ok()
         });
         assert_eq!(accepted.count(), MAX_ENDED_SESSIONS + 1);
-        assert!(guard.accept(1001, 1, 0.0, 1.0).is_ok());
+        assert!(guard.accept(1001, 1, None, 0.0, 1.0).is_ok());
     }
 }

@@ -72,7 +72,7 @@ impl Peers {
                 |index| self.displaced[index].1.clone(),
             );
             // Before anything changes: a replay takes no place.
-            replay_guard.accept(session, sequence, seconds, silence)?;
+            replay_guard.accept(session, sequence, None, seconds, silence)?;
             known.and_then(|index| self.displaced.remove(index));
             if let Some(replaced) = replaced {
                 self.displace(replaced);
@@ -87,7 +87,7 @@ impl Peers {
         }
         let peer = self.peers.get_mut(&robot).ok_or(RejectReason::Full)?;
         peer.replay_guard
-            .accept(session, sequence, seconds, silence)?;
+            .accept(session, sequence, None, seconds, silence)?;
         Ok(peer)
     }
 

@@ -305,13 +305,13 @@ fn accept_command(bytes: &[u8], _: &Path) -> String {
         let mut filter =
             CommandFilter::new(&config, RobotIdentity { robot: 1, boot: 1 }).expect("a filter");
         let datagram = seal(bytes, key);
-        match filter.accept(&datagram, Stamp(0)) {
+        match filter.accept(&datagram, None, Stamp(0)) {
             Ok(command) => {
                 assert!(command.valid_for.as_millis() <= 100);
                 let drive = command.drive;
                 assert!(drive.is_none_or(|drive| drive.x.hypot(drive.y) <= config.speed_max));
                 // The same datagram again is a replay.
-                assert!(filter.accept(&datagram, Stamp(0)).is_err());
+                assert!(filter.accept(&datagram, None, Stamp(0)).is_err());
                 outcomes += "accepted ";
             }
             Err(reason) => outcomes += &format!("{reason:?}"),
