@@ -10,6 +10,7 @@ import random
 import signal
 import socket
 import subprocess
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -225,7 +226,6 @@ def in_own_terminal(end: int) -> Callable[[], None]:
     def take() -> None:
         os.setsid()
         import fcntl
-        import termios
 
         fcntl.ioctl(end, termios.TIOCSCTTY, 0)
 
@@ -251,6 +251,35 @@ def test_run_whose_terminal_is_closed_ends_with_a_complete_log(tmp_path: Path, s
     sim.send_signal(signal.SIGTERM)
     assert ended(sim)["commands"]["stands_last"]
     with (tmp_path / "a.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None
+
+
+@pytest.mark.parametrize("command", ["run", "record"])
+def test_quit_key_of_the_terminal_stops_the_wheels_and_leaves_the_terminal_as_it_was(command: str, tmp_path: Path) -> None:
+    sim = hardware(tmp_path / "robot")
+    terminal, end = pty.openpty()
+    settings = termios.tcgetattr(terminal)
+    log = tmp_path / "a.mcap"
+    output = ["--record", log] if command == "run" else ["--out", log]
+    driven = start(command, "--robot", tmp_path / "robot", "--teleop", *output, "--json", preexec_fn=in_own_terminal(end))
+    wait_for(log)
+    while termios.tcgetattr(terminal)[3] & termios.ICANON:
+        time.sleep(0.02)
+    # A held key.
+    for _ in range(40):
+        os.write(terminal, b"w")
+        time.sleep(0.03)
+    os.write(terminal, b"\x1c")
+    quit_at = time.monotonic()
+    ended(driven)
+    assert termios.tcgetattr(terminal) == settings
+    os.close(terminal)
+    os.close(end)
+    sim.send_signal(signal.SIGTERM)
+    commands = ended(sim)["commands"]
+    assert commands["driving"] > 10 and commands["stands_last"], commands
+    assert commands["last_driving_s"] < quit_at + 0.5, commands
+    with log.open("rb") as file:
         assert make_reader(file).get_summary() is not None
 
 

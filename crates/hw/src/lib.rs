@@ -19,6 +19,7 @@ mod monitor;
 pub mod realtime;
 mod serial;
 mod serial_line;
+pub mod signals;
 mod stamped_socket;
 pub mod wire;
 mod worker;

@@ -1,4 +1,4 @@
-//! When does the run end? A signal (SIGTERM, SIGINT, SIGHUP) or a thread raises the flag.
+//! When does the run end? A signal (SIGTERM, SIGINT, SIGHUP, SIGQUIT) or a thread raises the flag.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,6 +17,7 @@ impl StopFlag {
         let stop = StopFlag::default();
         let flag = stop.clone();
         ctrlc::set_handler(move || flag.raise()).context("cannot install the signal handler")?;
+        hw::signals::treat_quit_as_termination().context("cannot install the signal handler")?;
         Ok(stop)
     }
 
