@@ -79,6 +79,23 @@ def test_run_that_loses_an_output_fails_and_names_it(tmp_path: Path) -> None:
         assert names(out) == ["poses.csv"]
 
 
+def test_log_that_a_full_disk_ends_stays_and_the_run_says_what_is_missing(tmp_path: Path) -> None:
+    log = tmp_path / "game.mcap"
+    with virtual_robot(tmp_path / "robot"):
+        options = ("--robot", tmp_path / "robot", "--record", log, "--duration", 3, "--images", "png", "--json")
+        done = run("run", *options, **on_full_disk(3_000_000))
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["log"]["files"][0] == str(log) and report["outputs_lost"] == []
+    summary = report["log"]
+    assert summary["cycles"] > 0 and summary["images"] > 0 and summary["cycles_dropped"] > 0, summary
+    assert 0.0 < summary["incomplete_since_s"] < 3.0, summary
+    assert any("the log is incomplete" in warning for warning in report["warnings"]), report["warnings"]
+    verified = json.loads(run("replay", log, "--verify", "--json").stdout)["verified"]
+    assert verified["identical"] and not verified["whole"] and 0 < verified["cycles"] <= summary["cycles"]
+    assert run("recover", log, "--out", tmp_path / "whole.mcap").returncode == 0
+
+
 def test_run_never_replaces_an_earlier_log(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()

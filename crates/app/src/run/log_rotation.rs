@@ -34,10 +34,25 @@ pub(crate) struct LogSummary {
     pub cycles: u64,
     /// Images written.
     pub images: u64,
-    /// Cycles lost to a slow or full disk.
+    /// Cycles that are in none of the files: lost to a slow or full disk.
     pub cycles_dropped: u64,
     /// Images lost to a slow disk.
     pub images_dropped: u64,
+    /// When the first cycle was lost to a full or failing disk, or to a removed file; seconds of the run.
+    pub incomplete_since_s: Option<f64>,
+}
+
+impl LogSummary {
+    /// What is missing in the log, in a sentence. None if it is complete.
+    pub(crate) fn gap(&self) -> Option<String> {
+        let (lost, all) = (self.cycles_dropped, self.cycles + self.cycles_dropped);
+        let when = match self.incomplete_since_s {
+            Some(since) => format!("the first at {since:.1} s of the run"),
+            None => "because the disk was slow".to_owned(),
+        };
+        (lost > 0 && !self.files.is_empty())
+            .then(|| format!("the log is incomplete: {lost} of {all} cycles are not in it, {when}"))
+    }
 }
 
 /// The logs of a run after its end.
@@ -75,6 +90,9 @@ pub(crate) struct LogRotation {
     state: State,
     retry_period: Duration,
     summary: LogSummary,
+    started: Stamp,
+    /// Number of cycles of the run.
+    cycles: u64,
     /// When the present file was last seen.
     looked: Instant,
     /// The log continues another, and no cycle of it holds the state that replay needs.
@@ -160,6 +178,8 @@ impl LogRotation {
                 files: vec![first],
                 ..LogSummary::default()
             },
+            started: hw::now(),
+            cycles: 0,
             looked: Instant::now(),
             needs_state: false,
         })
@@ -178,6 +198,8 @@ impl LogRotation {
     /// Writes a cycle. Returns a message if the log failed or a new one started.
     pub(crate) fn write_cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
         let message = self.take_reopened().or_else(|| self.leave_lost_file());
+        self.cycles += 1;
+        let stamp = cycle.stamp;
         let holds_state = cycle.inputs.warm_start.is_some();
         match &mut self.state {
             State::Writing(recorder) => {
@@ -185,7 +207,7 @@ impl LogRotation {
                     self.needs_state &= !holds_state;
                     return message;
                 };
-                self.summary.cycles_dropped += 1;
+                self.note_loss(stamp);
                 self.reopen();
                 Some(format!(
                     "cannot write the log: {error:#}. The run continues without it"
@@ -193,11 +215,21 @@ impl LogRotation {
             }
             State::Reopening(_, next_index) => {
                 *next_index += 1;
-                self.summary.cycles_dropped += 1;
+                self.note_loss(stamp);
                 message
             }
-            State::Ended => message,
+            State::Ended => {
+                self.note_loss(stamp);
+                message
+            }
         }
+    }
+
+    /// Notes the first cycle that is in no file.
+    fn note_loss(&mut self, stamp: Stamp) {
+        let since = stamp - self.started;
+        let known = &mut self.summary.incomplete_since_s;
+        *known = Some(known.map_or(since, |known| known.min(since)));
     }
 
     /// Writes a text message into the log.
@@ -230,6 +262,7 @@ impl LogRotation {
             }
             State::Ended => {}
         }
+        self.summary.cycles_dropped = self.cycles.saturating_sub(self.summary.cycles);
         let files = &mut self.summary.files;
         let removed = files.pop_if(|last| !last.exists());
         FinishedLog {
@@ -313,41 +346,38 @@ impl LogRotation {
         }
         self.summary.cycles += closed.stats.cycles;
         self.summary.images += closed.stats.images;
-        self.summary.cycles_dropped += closed.stats.dropped.cycles;
         self.summary.images_dropped += closed.stats.dropped.images;
+        if let Some(stamp) = closed.stats.lost_from {
+            self.note_loss(stamp);
+        }
         closed.error
     }
 }
 
-/// Closes a file of this run. Removes it if nothing of it reached the disk.
+/// Closes a file of this run. Removes it if a reader would find no cycle in it.
 fn close_file(recorder: Recorder, path: &Path) -> ClosedFile {
-    let flushed_cycles = recorder.flushed_cycles();
-    match recorder.finish() {
-        Ok(stats) => ClosedFile {
+    let (stats, closed) = recorder.finish_live();
+    let Err(error) = closed else {
+        return ClosedFile {
             stats,
             ..ClosedFile::default()
-        },
-        Err(error) => {
-            let removed = flushed_cycles == 0;
-            if removed {
-                let _gone = std::fs::remove_file(path);
-            }
-            ClosedFile {
-                stats: LogStats {
-                    cycles: flushed_cycles,
-                    ..LogStats::default()
-                },
-                error: Some(if removed {
-                    format!(
-                        "{} was removed, because the disk was full before it held a cycle: {error:#}",
-                        path.display()
-                    )
-                } else {
-                    format!("cannot close the log: {error:#}")
-                }),
-                removed,
-            }
-        }
+        };
+    };
+    let removed = stats.cycles == 0;
+    if removed {
+        let _gone = std::fs::remove_file(path);
+    }
+    ClosedFile {
+        stats,
+        error: Some(if removed {
+            format!(
+                "{} was removed, because the disk was full before it held a cycle: {error:#}",
+                path.display()
+            )
+        } else {
+            format!("cannot close the log: {error:#}")
+        }),
+        removed,
     }
 }
 

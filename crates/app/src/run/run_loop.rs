@@ -240,10 +240,11 @@ impl RunLoop {
         let (log, outputs_lost) = self.finish_outputs(&mut status);
         // The wheels have stopped: the trials of other set-ups take seconds, and nothing is urgent any more.
         hw::realtime::lower_priority();
-        let warnings =
+        let mut warnings =
             state
                 .setup_watch
                 .finish(&self.robot.setup, &self.config, self.pipeline.visible_rim());
+        warnings.extend(log.as_ref().and_then(LogSummary::gap));
         Ok(status.into_report(RunOutcome {
             warnings,
             dropped: events.drop_counts(),

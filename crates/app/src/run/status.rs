@@ -94,7 +94,7 @@ pub(crate) struct RunReport {
     pub log: Option<LogSummary>,
     /// Why outputs do not exist; empty when all is well.
     pub outputs_lost: Vec<String>,
-    /// Sentences about a doubtful set-up; empty when all is well.
+    /// Sentences about a doubtful set-up or an incomplete log; empty when all is well.
     pub warnings: Vec<String>,
 }
 
@@ -140,7 +140,7 @@ pub(crate) struct RunOutcome {
     pub log: Option<LogSummary>,
     /// Why outputs do not exist.
     pub outputs_lost: Vec<String>,
-    /// Sentences about a doubtful set-up.
+    /// Sentences about a doubtful set-up or an incomplete log.
     pub warnings: Vec<String>,
 }
 
@@ -494,6 +494,9 @@ impl RunReport {
         }
         for file in self.log.iter().flat_map(|log| &log.files) {
             println!("log: {}", file.display());
+        }
+        if let Some(gap) = self.log.as_ref().and_then(LogSummary::gap) {
+            println!("{gap}");
         }
         if !self.wheels_stopped {
             println!("the base did not take the stop command");

@@ -9,6 +9,7 @@ use std::path::Path;
 use mcap::records::op;
 use zstd::bulk::Compressor;
 
+use super::held_messages::HeldMessages;
 use super::mcap_encoding::{RecordEncoder, append_message};
 use super::mcap_files::{CountedFile, IndexFile};
 use super::schema::file::LogFile;
@@ -34,7 +35,11 @@ pub(super) struct McapWriter {
     schemas: Vec<Vec<u8>>,
     /// Records of the channels. Their numbers are their places from 1 on.
     channels: Vec<Vec<u8>>,
+    /// Topics of the channels.
+    topics: Vec<String>,
     message_counts: Vec<u64>,
+    /// The messages of the chunks that are in the file.
+    held: HeldMessages,
     /// First and last time of all messages.
     times: Option<(u64, u64)>,
     chunk_index: IndexFile,
@@ -67,12 +72,19 @@ impl McapWriter {
             compressed: written_buffer(zstd::zstd_safe::compress_bound(buffer_bytes)),
             schemas: Vec::new(),
             channels: Vec::new(),
+            topics: Vec::new(),
             message_counts: Vec::new(),
+            held: HeldMessages::default(),
             times: None,
             chunk_index: IndexFile::create(path)?,
             attachments: RecordGroup::default(),
             metadata: RecordGroup::default(),
         })
+    }
+
+    /// The messages that the file holds, also after a failure.
+    pub(super) fn held(&self) -> HeldMessages {
+        self.held.clone()
     }
 
     /// Adds a channel. Returns its number.
@@ -93,6 +105,7 @@ impl McapWriter {
             .finish(0);
         self.chunk.records.extend(&record);
         self.channels.push(record);
+        self.topics.push(topic.to_owned());
         self.message_counts.push(0);
         self.chunk.entries.push(Vec::new());
         id
@@ -199,6 +212,9 @@ impl McapWriter {
             .finish(self.compressed.len());
         let (start, head_length) = self.out.write_record(&head)?;
         self.out.write_all(&self.compressed)?;
+        // A reader finds the chunk from here on, with or without its index.
+        self.out.file.flush()?;
+        self.held.set(self.topics.iter().zip(&self.message_counts));
         let indexes_start = self.out.position;
         let mut offsets = Vec::with_capacity(self.chunk.entries.len());
         for (channel, entries) in (1..).zip(&self.chunk.entries) {

@@ -7,6 +7,7 @@ mod export;
 mod fallback;
 mod header;
 mod header_records;
+mod held_messages;
 mod index;
 mod limits;
 mod live_topics;

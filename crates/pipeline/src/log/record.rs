@@ -2,17 +2,18 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use localize::{Field, Stamp};
 use vision::output_file::PendingName;
 
 use super::config::LogConfig;
 use super::header::Header;
+use super::held_messages::HeldMessages;
 use super::note_queue::NoteQueue;
+use super::schema::{CYCLE_TOPIC, IMAGE_TOPIC};
 use super::writer::{LogStats, LogWriter};
 use crate::cycle::Cycle;
 use crate::feed::Pace;
@@ -22,9 +23,9 @@ use crate::feed::queue::CycleQueue;
 pub struct Recorder {
     queue: Arc<CycleQueue>,
     next_index: u64,
-    writer: Option<JoinHandle<Result<LogStats>>>,
+    writer: Option<JoinHandle<(LogStats, Result<()>)>>,
     write_error: Arc<OnceLock<String>>,
-    flushed_cycles: Arc<AtomicU64>,
+    held: HeldMessages,
     notes: NoteQueue,
     path: PathBuf,
     /// The name that a log in lockstep gets when it is complete. None for a live log, which has it from the start.
@@ -70,15 +71,16 @@ impl Recorder {
             config.queue_cycles,
         ));
         let write_error = Arc::new(OnceLock::new());
-        let flushed_cycles = writer.flushed_cycles();
+        let held = writer.held();
         let (end, failed) = (CloseOnDrop(queue.clone()), write_error.clone());
         let run = move || {
             prepare();
-            let result = writer.run(&end.0).and_then(|()| writer.close());
-            if let Err(error) = &result {
+            let written = writer.run(&end.0);
+            let (stats, closed) = writer.close(written);
+            if let Err(error) = &closed {
                 failed.get_or_init(|| format!("{error:#}"));
             }
-            result
+            (stats, closed)
         };
         let thread = std::thread::Builder::new()
             .name("log".to_owned())
@@ -88,7 +90,7 @@ impl Recorder {
             next_index: 0,
             writer: Some(thread),
             write_error,
-            flushed_cycles,
+            held,
             notes,
             path: path.to_owned(),
             name,
@@ -118,11 +120,6 @@ impl Recorder {
         self.next_index = next_index;
     }
 
-    /// Number of cycles flushed to disk.
-    pub fn flushed_cycles(&self) -> u64 {
-        self.flushed_cycles.load(Ordering::Relaxed)
-    }
-
     /// Writes queued cycles, then index and summary.
     pub fn finish(self) -> Result<LogStats> {
         self.finish_by(PendingName::give)
@@ -133,8 +130,14 @@ impl Recorder {
         self.finish_by(PendingName::give_unless_taken)
     }
 
+    /// As [`Recorder::finish`] for a live log, which stays after a failure. Returns what it holds in both cases.
+    pub fn finish_live(mut self) -> (LogStats, Result<()>) {
+        self.join()
+    }
+
     fn finish_by(mut self, give: fn(PendingName) -> std::io::Result<()>) -> Result<LogStats> {
-        let stats = self.join()?;
+        let (stats, closed) = self.join();
+        closed?;
         let given = self.name.take().map_or(Ok(()), give);
         given.with_context(|| format!("cannot write {}", self.path.display()))?;
         Ok(stats)
@@ -146,17 +149,22 @@ impl Recorder {
             .map_or(Ok(()), |error| Err(anyhow!("{error}")))
     }
 
-    fn join(&mut self) -> Result<LogStats> {
+    fn join(&mut self) -> (LogStats, Result<()>) {
         self.queue.close();
-        let Some(writer) = self.writer.take() else {
-            bail!("the log {} is closed already", self.path.display());
+        let path = self.path.display();
+        let held = || LogStats {
+            cycles: self.held.count(CYCLE_TOPIC),
+            images: self.held.count(IMAGE_TOPIC),
+            ..LogStats::default()
         };
-        let written = writer.join();
-        written.unwrap_or_else(|_| {
-            Err(anyhow!(
-                "the writer of the log {} broke off",
-                self.path.display()
-            ))
+        let Some(writer) = self.writer.take() else {
+            return (held(), Err(anyhow!("the log {path} is closed already")));
+        };
+        writer.join().unwrap_or_else(|_panicked| {
+            (
+                held(),
+                Err(anyhow!("the writer of the log {path} broke off")),
+            )
         })
     }
 }

@@ -1,19 +1,19 @@
 //! What does the writer thread of a log do? It writes queued cycles and flushes often, so that a kill loses little.
 
+use std::collections::VecDeque;
 use std::fs::File;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use localize::Field;
+use localize::{Field, Stamp};
 
 use super::config::LogConfig;
 use super::header::Header;
+use super::held_messages::HeldMessages;
 use super::note_queue::NoteQueue;
 use super::publisher::CyclePublisher;
-use super::schema::{Level, PROJECT_NAME, Sink};
+use super::schema::{CYCLE_TOPIC, IMAGE_TOPIC, Level, PROJECT_NAME, Sink};
 use crate::feed::queue::CycleQueue;
 use crate::feed::{DropCounts, Pace};
 
@@ -26,6 +26,8 @@ pub struct LogStats {
     pub images: u64,
     /// Drops caused by a slow disk.
     pub dropped: DropCounts,
+    /// Stamp of the first cycle that a failed write kept out of the file.
+    pub lost_from: Option<Stamp>,
 }
 
 /// The writer thread's side of a recorder.
@@ -37,7 +39,12 @@ pub(super) struct LogWriter {
     pending_field: Option<Field>,
     notes: NoteQueue,
     stats: LogStats,
-    flushed_cycles: Arc<AtomicU64>,
+    /// The messages that the file holds.
+    held: HeldMessages,
+    /// Number of cycles taken from the queue.
+    taken: u64,
+    /// Stamps of those that are not in the file yet.
+    pending: VecDeque<Stamp>,
 }
 
 impl LogWriter {
@@ -76,19 +83,21 @@ impl LogWriter {
         }
         sink.flush()?;
         Ok(LogWriter {
+            held: sink.held(),
             sink,
             messages: CyclePublisher::new(topics, config.images, config.jpeg_quality, &header),
             period,
             pending_field: Some(field.clone()),
             notes,
             stats: LogStats::default(),
-            flushed_cycles: Arc::default(),
+            taken: 0,
+            pending: VecDeque::new(),
         })
     }
 
-    /// Number of cycles flushed to disk, shared with the recorder.
-    pub(super) fn flushed_cycles(&self) -> Arc<AtomicU64> {
-        self.flushed_cycles.clone()
+    /// The messages that the file holds, also after a failure.
+    pub(super) fn held(&self) -> HeldMessages {
+        self.held.clone()
     }
 
     /// Writes cycles from the queue until it is closed.
@@ -98,6 +107,8 @@ impl LogWriter {
             if let Some(field) = self.pending_field.take() {
                 self.messages.publish_scenery(&field, cycle.stamp, None);
             }
+            self.taken += 1;
+            self.pending.push_back(cycle.stamp);
             let has_image = self.messages.publish_cycle(index, &cycle)?;
             self.messages.log_dropped("the disk", dropped, cycle.stamp);
             while let Some((stamp, text)) = self.notes.pop() {
@@ -107,24 +118,41 @@ impl LogWriter {
                 cycles,
                 images,
                 dropped: total,
+                ..
             } = &mut self.stats;
             *cycles += 1;
             *images += u64::from(has_image);
             total.images += dropped.images;
             total.cycles += dropped.cycles;
+            self.first_pending();
             if flushed.elapsed() >= self.period {
                 self.sink.flush()?;
-                self.flushed_cycles
-                    .store(self.stats.cycles, Ordering::Relaxed);
                 flushed = Instant::now();
             }
         }
         Ok(())
     }
 
-    /// Writes index and summary.
-    pub(super) fn close(self) -> Result<LogStats> {
-        self.sink.close()?;
-        Ok(self.stats)
+    /// Stamp of the first cycle that is not in the file. Forgets those of the cycles before it.
+    fn first_pending(&mut self) -> Option<Stamp> {
+        let waiting = self.taken.saturating_sub(self.held.count(CYCLE_TOPIC));
+        let held = self.pending.len().saturating_sub(waiting as usize);
+        self.pending.drain(..held);
+        self.pending.front().copied()
+    }
+
+    /// Writes index and summary, unless a write has failed. Returns what the file holds in both cases.
+    pub(super) fn close(mut self, written: Result<()>) -> (LogStats, Result<()>) {
+        let closed = written.and(self.sink.finish());
+        if closed.is_ok() {
+            return (self.stats, closed);
+        }
+        let stats = LogStats {
+            cycles: self.held.count(CYCLE_TOPIC),
+            images: self.held.count(IMAGE_TOPIC),
+            lost_from: self.first_pending(),
+            ..self.stats
+        };
+        (stats, closed)
     }
 }

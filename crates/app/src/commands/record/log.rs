@@ -99,6 +99,9 @@ impl LogRecorder {
         if let Some(error) = finished.error {
             stderr_line!("mirrorball: {error}");
         }
+        if let Some(gap) = finished.summary.gap() {
+            stderr_line!("mirrorball: {gap}");
+        }
         let counts = Counts {
             frames: finished.summary.images,
             images_dropped: finished.summary.images_dropped,

@@ -11,6 +11,7 @@ use foxglove::{ChannelId, Context, FoxgloveError, Metadata, RawChannel, SinkId};
 use super::file::LogFile;
 use super::{PROJECT_NAME, Topics};
 use crate::feed::Pace;
+use crate::log::held_messages::HeldMessages;
 use crate::log::mcap_writer::McapWriter;
 
 /// Size at which a chunk is closed, bytes. With the last image, chunks of usual cameras stay below 1 MiB.
@@ -26,6 +27,7 @@ const LIBRARY: &str = concat!("mirrorball/", env!("CARGO_PKG_VERSION"));
 pub(crate) struct Sink {
     context: Arc<Context>,
     file: Arc<FileSink>,
+    held: HeldMessages,
 }
 
 impl Sink {
@@ -40,6 +42,7 @@ impl Sink {
         let identity = (PROJECT_NAME, LIBRARY);
         let writer = McapWriter::create(path, file, identity, chunk_bytes)
             .with_context(|| format!("cannot write {}", path.display()))?;
+        let held = writer.held();
         let file = Arc::new(FileSink {
             id: SinkId::next(),
             path: path.to_owned(),
@@ -52,7 +55,17 @@ impl Sink {
         let context = Context::new();
         context.add_sink(file.clone());
         let topics = Topics::new(&context)?;
-        Ok((Sink { context, file }, topics))
+        let sink = Sink {
+            context,
+            file,
+            held,
+        };
+        Ok((sink, topics))
+    }
+
+    /// The messages that the file holds, also after a failure.
+    pub(crate) fn held(&self) -> HeldMessages {
+        self.held.clone()
     }
 
     /// Writes a metadata record.
@@ -70,12 +83,8 @@ impl Sink {
         self.write(McapWriter::flush)
     }
 
-    /// Writes index and summary.
-    pub(crate) fn close(self) -> Result<()> {
-        self.finish()
-    }
-
-    fn finish(&self) -> Result<()> {
+    /// Writes index and summary. Nothing can be written after it.
+    pub(crate) fn finish(&self) -> Result<()> {
         self.context.remove_sink(self.file.id);
         if let Some(open) = self.file.lock().take()
             && let Err(error) = open.writer.finish()

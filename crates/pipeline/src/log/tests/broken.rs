@@ -365,6 +365,63 @@ fn a_log_whose_writer_is_killed_can_be_read() {
     assert_eq!(read(&whole).len(), cycles.len());
 }
 
+/// Environment variable with the path of the log whose disk is full early.
+const FULL_DISK_LOG: &str = "MIRRORBALL_FULL_DISK_LOG";
+
+fn record_on_full_disk(path: &Path) {
+    let config = LogConfig {
+        images: ImageCompression::Png,
+        queue_images: 1000,
+        queue_cycles: 1000,
+        flush_period: 1000.0,
+        ..LogConfig::default()
+    };
+    let header = Header::new("test", None);
+    let mut recorder =
+        Recorder::create(path, &header, &field(), Pace::Live, &config).expect("a recorder");
+    for number in 0..300 {
+        let _full = recorder.record_cycle(Arc::new(random_cycle(number)));
+    }
+    let (stats, closed) = recorder.finish_live();
+    let message = format!("{:#}", closed.expect_err("a full disk"));
+    assert!(message.contains("cannot write"), "{message}");
+    let held = read(path);
+    let images = held.iter().filter(|logged| logged.image.is_some()).count();
+    assert!(held.len() > 20 && held.len() < 280, "{}", held.len());
+    assert_eq!(stats.cycles, held.len() as u64);
+    // The image of the next cycle may end the last chunk.
+    assert!(
+        [0, 1].contains(&(stats.images - images as u64)),
+        "{stats:?}"
+    );
+    assert_eq!(stats.lost_from, Some(random_cycle(held.len() as u64).stamp));
+}
+
+#[test]
+fn a_log_on_a_full_disk_counts_the_cycles_that_a_reader_finds() {
+    // The process with small files runs this test, too.
+    if let Some(path) = std::env::var_os(FULL_DISK_LOG) {
+        return record_on_full_disk(Path::new(&path));
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let test = "log::tests::broken::a_log_on_a_full_disk_counts_the_cycles_that_a_reader_finds";
+    let limit = "trap '' XFSZ; ulimit -f 2500; exec \"$0\" --exact \"$1\"";
+    let done = std::process::Command::new("sh")
+        .args(["-c", limit])
+        .arg(std::env::current_exe().expect("this program"))
+        .arg(test)
+        .env(FULL_DISK_LOG, &path)
+        .output()
+        .expect("a process");
+    assert!(
+        done.status.success(),
+        "{}",
+        String::from_utf8_lossy(&done.stdout)
+    );
+    assert!(path.exists());
+}
+
 /// Writes an MCAP file of one chunk with a channel and messages of zeros, compressed, with or without a checksum.
 fn write_bomb(path: &Path, message_bytes: usize, messages: u64, checksum: bool) {
     let file = std::fs::File::create(path).expect("a file");
