@@ -15,6 +15,7 @@ from mirrorball import simulate
 from mirrorball.analysis import (
     Log,
     LogError,
+    command,
     compare,
     cycles,
     difference,
@@ -151,6 +152,20 @@ def test_reports_are_self_contained_html(game: Path, tmp_path: Path) -> None:
     assert text.count("<img") == 4 + len(pictured) and "position error" in text and "http" not in text
     both = compare(game, game, folder=tmp_path / "two")
     assert "0.00 cm" in both.page.read_text() and "game (2)" in both.page.read_text()
+
+
+def test_report_of_a_truncated_log_says_so(game: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(game.read_bytes()[: game.stat().st_size * 2 // 3])
+    said = "cut: the log is truncated, and read up to its last complete chunk"
+    result = command.report(str(cut), None, str(tmp_path / "one"))
+    assert result["warnings"] == [said] and said in command.as_text(result)
+    assert said in (tmp_path / "one/index.html").read_text()
+    both = command.report(str(game), str(cut), str(tmp_path / "two"))
+    assert both["warnings"] == [said] and said in command.as_text(both)
+    assert said in (tmp_path / "two/index.html").read_text()
+    whole = command.report(str(game), None, str(tmp_path / "three"))
+    assert whole["warnings"] == [] and "truncated" not in (tmp_path / "three/index.html").read_text()
 
 
 def test_annotated_images_differ_from_raw_images(game: Path, tmp_path: Path) -> None:

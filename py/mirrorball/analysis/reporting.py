@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +48,7 @@ def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10)
     name = _name(log)
     moments = findings(log)
     sections = [
+        *_notices(log),
         table(["", ""], [[key, value] for key, value in sorted(log.about.items())]),
         _mode_table(run),
         _summary_table(found),
@@ -87,9 +89,19 @@ def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | 
     if any(run["error_m"].notna().any() for run in runs):
         sections.append(picture(figures.errors(both), "Errors against truth"))
     sections.append(picture(figures.times(both), "Stages"))
-    page = write(Path(folder), title=" and ".join(names), sections=sections)
+    page = write(Path(folder), title=" and ".join(names), sections=[*_notices(*logs), *sections])
     missing = pd.concat([dropouts(run).assign(run=name) for name, run in both.items()], ignore_index=True)
     return Report(page=page, cycles=runs, summary=found, dropouts=missing)
+
+
+def incomplete(log: Log) -> str | None:
+    """What a truncated log lacks, in a sentence; None for a complete one."""
+    return None if log.complete else f"{_name(log)}: the log is truncated, and read up to its last complete chunk"
+
+
+def _notices(*logs: Log) -> list[str]:
+    """What the page says first about truncated logs."""
+    return [f"<p>{html.escape(said)}</p>" for said in map(incomplete, logs) if said]
 
 
 def _name(log: Log) -> str:

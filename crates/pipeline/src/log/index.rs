@@ -20,7 +20,7 @@ use super::header::{Header, translate_files};
 use super::header_records::HeaderRecords;
 use super::limits::{FieldBudget, check_message};
 use super::mcap_encoding::RECORD_HEADER_BYTES;
-use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, decode_chunk};
+use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, RECOVER_HINT, decode_needed_chunk};
 use super::read::LoggedCycle;
 use super::record_scan::{ChunkInfo, scan_chunks, stamp_from_log_time};
 use super::schema::{CYCLE_TOPIC, IMAGE_TOPIC, convert, decode_compressed_image, wire};
@@ -260,16 +260,16 @@ impl LogIndex {
             .with_context(broken)?;
         ensure!(
             (RECORD_HEADER_BYTES as u64..MAX_RECORD_BYTES).contains(&part.length),
-            "{}: of {} bytes, which none has",
+            "{}: of {} bytes, which none has; {RECOVER_HINT}",
             broken(),
             part.length
         );
         let mut body = vec![0; part.length as usize];
         file.read_exact(&mut body).with_context(broken)?;
         if body.first() != Some(&op::CHUNK) {
-            bail!("{}: is none", broken());
+            bail!("{}: is none; {RECOVER_HINT}", broken());
         }
-        let records = decode_chunk(&body[RECORD_HEADER_BYTES..]).with_context(broken)?;
+        let records = decode_needed_chunk(&body[RECORD_HEADER_BYTES..]).with_context(broken)?;
         let mut topics = self.topics();
         let mut messages = Vec::new();
         for record in records {

@@ -18,6 +18,19 @@ use super::mcap_encoding::RECORD_HEADER_BYTES;
 /// Longest accepted record, bytes. A longer one has a damaged length and is not allocated.
 pub(super) const MAX_RECORD_BYTES: u64 = 256 * 1024 * 1024;
 
+/// What to do about a damaged file, for readers that cannot skip the damage.
+pub(super) const RECOVER_HINT: &str = "`mirrorball recover` saves what can be read";
+
+/// Decodes a chunk for a reader that cannot skip it.
+pub(super) fn decode_needed_chunk(body: &[u8]) -> Result<VecDeque<Record<'static>>> {
+    decode_chunk(body).map_err(|error| {
+        if error.is::<BeyondLimit>() {
+            return error;
+        }
+        anyhow!("{error}; {RECOVER_HINT}")
+    })
+}
+
 /// An unreadable part of the file. Reading continues after it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DamagedRange {
@@ -41,7 +54,7 @@ impl DamagedRange {
             );
         }
         anyhow!(
-            "{} is damaged at byte {}: {}; `mirrorball recover` saves what can be read",
+            "{} is damaged at byte {}: {}; {RECOVER_HINT}",
             path.display(),
             self.offset,
             self.reason

@@ -25,7 +25,7 @@ use mcap::records::{Record, op};
 
 use super::header_records::HeaderRecords;
 use super::mcap_encoding::RECORD_HEADER_BYTES;
-use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, decode_chunk};
+use super::mcap_records::{LogCompleteness, MAX_RECORD_BYTES, RECOVER_HINT, decode_needed_chunk};
 use super::record_scan::scan_chunks;
 use super::summary::{WithoutChunks, read_summary};
 pub use field::{Field, FieldValue};
@@ -369,7 +369,7 @@ impl TopicReader {
         let place = || format!("{}: chunk at byte {}", self.path.display(), chunk.offset);
         ensure!(
             (RECORD_HEADER_BYTES as u64..MAX_RECORD_BYTES).contains(&chunk.length),
-            "{}: invalid length: {} bytes",
+            "{}: invalid length: {} bytes; {RECOVER_HINT}",
             place(),
             chunk.length
         );
@@ -380,9 +380,9 @@ impl TopicReader {
         let mut body = vec![0; chunk.length as usize];
         file.read_exact(&mut body).with_context(place)?;
         if body.first() != Some(&op::CHUNK) {
-            bail!("{}: the record there is no chunk", place());
+            bail!("{}: the record there is no chunk; {RECOVER_HINT}", place());
         }
-        let records = decode_chunk(&body[RECORD_HEADER_BYTES..]).with_context(place)?;
+        let records = decode_needed_chunk(&body[RECORD_HEADER_BYTES..]).with_context(place)?;
         Ok(records.into_iter())
     }
 }
