@@ -299,6 +299,11 @@ def test_wrong_input_gets_one_sentence_and_leaves_nothing(tmp_path: Path) -> Non
         assert not out.exists() and not list(tmp_path.glob("out*")), arguments
 
 
+def test_import_of_a_log_names_the_command_that_converts_it(game: Path, tmp_path: Path) -> None:
+    done = mirrorball("import", game, tmp_path / "out", fails=True)
+    assert f"{game}: a log of mirrorball, not a bag: `mirrorball replay {game} --export DIR`" in done.stderr, done.stderr
+
+
 def read_bag(path: Path) -> dict[str, list[tuple[int, Any]]]:
     """The messages of a bag by topic, by the definitions inside it."""
     found: dict[str, list[tuple[int, Any]]] = {}

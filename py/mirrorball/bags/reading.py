@@ -25,6 +25,10 @@ def open_bag(path: str | Path) -> Iterator[Any]:
         raise ValueError(f"{bag}: not the folder of a ROS 2 bag (it has no metadata.yaml)")
     if not bag.is_dir() and bag.suffix not in {".bag", ".db3", ".mcap"}:
         raise ValueError(f"{bag}: not a bag (expected .bag, .mcap, .db3 or the folder of a ROS 2 bag)")
+    if _is_mirrorball_log(bag):
+        raise ValueError(
+            f"{bag}: a log of mirrorball, not a bag: `mirrorball replay {bag} --export DIR` writes its recording folder"
+        )
     try:
         # Bags of ROS 2 before Iron hold no message definitions. Those of the standard messages have not changed since.
         with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
@@ -40,6 +44,15 @@ def open_bag(path: str | Path) -> Iterator[Any]:
         if not _is_from_rosbags(error):
             raise
         raise ValueError(f"{bag}: the bag is damaged ({type(error).__name__}: {error})") from None
+
+
+def _is_mirrorball_log(path: Path) -> bool:
+    """True for an MCAP file whose header names mirrorball as its profile."""
+    if path.suffix != ".mcap" or not path.is_file():
+        return False
+    # The magic bytes, the header's opcode and length, and the profile with its length.
+    with path.open("rb") as file:
+        return file.read(64)[17:].startswith(b"\x0a\x00\x00\x00mirrorball")
 
 
 def _is_from_rosbags(error: BaseException) -> bool:
