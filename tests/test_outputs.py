@@ -96,6 +96,14 @@ def test_log_that_a_full_disk_ends_stays_and_the_run_says_what_is_missing(tmp_pa
     assert run("recover", log, "--out", tmp_path / "whole.mcap").returncode == 0
 
 
+def test_map_that_cannot_be_written_fails_at_the_start(tmp_path: Path) -> None:
+    path, poses = tmp_path / "none" / "map.npz", tmp_path / "poses.csv"
+    for command in (("locate", SEQUENCE, "--out", poses), ("run", "--robot", SEQUENCE)):
+        done = run(*command, "--save-map", path)
+        assert done.returncode == 1 and not poses.exists()
+        assert done.stderr == f"mirrorball: cannot write {path}: No such file or directory (os error 2)\n", done.stderr
+
+
 def test_run_never_replaces_an_earlier_log(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()

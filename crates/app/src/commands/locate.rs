@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 
 use crate::commands::arguments::{self, UsageError};
 use crate::commands::inputs::Inputs;
@@ -10,6 +10,7 @@ use crate::interrupt;
 use pipeline::PipelineConfig;
 use pipeline::result_files::CsvOutputs;
 use pipeline::run::{RecordingOptions, RecordingRun, ensure_usable};
+use vision::output_file::ensure_can_create;
 
 /// Locate the robot in every frame of a recording folder.
 ///
@@ -71,6 +72,10 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     inputs
         .without("map")
         .ensure_kept([args.save_map.as_deref()])?;
+    if let Some(path) = &args.save_map {
+        // The map is written when all images are located.
+        ensure_can_create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
     let run = RecordingRun::open(&RecordingOptions {
         folder: args.dir.clone(),
         map: args.map.clone(),

@@ -25,8 +25,9 @@ pub(crate) mod tuning;
 mod unused_images;
 mod wake_probe;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
+use vision::output_file::ensure_can_create;
 
 use crate::commands::arguments::{UsageError, ensure_distinct_outputs};
 use crate::commands::inputs::Inputs;
@@ -66,6 +67,10 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     inputs
         .without("map")
         .ensure_kept([args.save_map.as_deref()])?;
+    if let Some(path) = &args.save_map {
+        // The map is written when the run ends.
+        ensure_can_create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
     let patrol = args.patrol.as_deref().map(Patrol::load).transpose()?;
     let robot = RobotFolder::load(robot)?;
     let stop = StopFlag::on_signals()?;

@@ -291,7 +291,7 @@ impl RunLoop {
             match corrected_map::save(&self.robot.setup, &self.pipeline, path) {
                 Ok(()) => status.print_line(&format!("corrected map: {}", path.display())),
                 Err(error) => {
-                    outputs_lost.push(format!("cannot write {}: {error:#}", path.display()))
+                    outputs_lost.push(format!("cannot save the corrected map: {error:#}"));
                 }
             }
         }
