@@ -31,9 +31,16 @@ pub(crate) const HELP: &str = "drive: w a s d or arrows, turn: q e, slower and f
      stop: space; then no program drives until r is pressed\n\
      game pad: hold a shoulder button; left stick drives, right stick turns, first button kicks";
 
+/// Said without a terminal: keys come from it, not from standard input.
+const NO_KEYBOARD: &str =
+    "no keyboard: the program has no terminal. Start it in one, or use a game pad";
+
 /// Drives by hand until `stop` is raised.
 pub(crate) fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
     let terminal = RawTerminal::open()?;
+    if terminal.is_none() {
+        stderr_line!("{NO_KEYBOARD}");
+    }
     let terminal = terminal.as_ref();
     let mut pads = Gamepads::default();
     let mut keyboard = KeyboardState::new();
