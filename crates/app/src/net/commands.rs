@@ -160,9 +160,8 @@ impl CommandFilter {
             if state_age > state_age_max {
                 return Err(RejectReason::Late);
             }
-            // A stamp of another clock would never be too old.
             if state_age < -state_age_max {
-                return Err(RejectReason::Senseless);
+                return Err(RejectReason::Future);
             }
         }
         // Last, so that a rejected datagram does not use up its sequence number.

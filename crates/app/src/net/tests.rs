@@ -466,11 +466,11 @@ fn command_under_a_key_names_this_start_of_this_robot() {
     let wall_clock = 1_790_000_000_000_000_000;
     assert_eq!(
         accept(other_clock(wall_clock), 400),
-        Err(RejectReason::Senseless)
+        Err(RejectReason::Future)
     );
     assert_eq!(
         accept(other_clock(i64::MAX), 400),
-        Err(RejectReason::Senseless)
+        Err(RejectReason::Future)
     );
     assert_eq!(accept(other_clock(i64::MIN), 400), Err(RejectReason::Late));
     // Without a key, a sender that names neither is accepted, but not one that names another robot.

@@ -69,6 +69,11 @@ pub enum RejectReason {
     /// Expired before it was read, or based on a state that is too old.
     #[error("too late: expired before it was read, or based on an old state")]
     Late,
+    /// Based on a state from the future: a stamp of another clock would never be too old.
+    #[error(
+        "`state_ns` is in the future of this robot's clock: echo `stamp_ns` of its state output"
+    )]
+    Future,
     /// Under a key, but without the robot's number or the number of its start.
     #[error("without `boot` and `robot`: with a key, echo both from the robot's state output")]
     Unbound,
