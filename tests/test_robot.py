@@ -283,6 +283,29 @@ def test_quit_key_of_the_terminal_stops_the_wheels_and_leaves_the_terminal_as_it
         assert make_reader(file).get_summary() is not None
 
 
+def test_run_that_a_closed_terminal_ends_succeeds(tmp_path: Path, states: StateOutput) -> None:
+    sim = hardware(tmp_path / "robot")
+    terminal, end = pty.openpty()
+    arguments = ["run", "--robot", tmp_path / "robot", "--network", states.network]
+    run = subprocess.Popen([PROGRAM, *map(str, arguments)], stdin=end, stdout=end, stderr=end, preexec_fn=in_own_terminal(end))
+    os.close(end)
+    states.wait(30)
+    os.close(terminal)
+    assert run.wait(60) == 0
+    sim.send_signal(signal.SIGTERM)
+    assert ended(sim)["commands"]["stands_last"]
+
+
+def test_teleop_without_a_terminal_says_that_there_is_no_keyboard(tmp_path: Path) -> None:
+    sim = hardware(tmp_path / "robot")
+    arguments = ["run", "--robot", tmp_path / "robot", "--teleop", "--duration", 1]
+    options = {"stdin": subprocess.DEVNULL, "start_new_session": True, "capture_output": True, "text": True}
+    done = subprocess.run([PROGRAM, *map(str, arguments)], check=False, **options)
+    sim.send_signal(signal.SIGTERM)
+    ended(sim)
+    assert done.returncode == 0 and "no keyboard: the program has no terminal" in done.stderr, done.stderr
+
+
 def read_to_the_end(descriptor: int) -> None:
     with contextlib.suppress(OSError):
         while os.read(descriptor, 4096):

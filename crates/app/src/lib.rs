@@ -10,6 +10,7 @@
 mod stderr_line;
 
 mod cli;
+mod closed_terminal;
 
 mod commands;
 

@@ -29,6 +29,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde::Serialize;
 use vision::output_file::ensure_can_create;
 
+use crate::closed_terminal::is_stdout_hung_up;
 use crate::commands::arguments::{UsageError, ensure_distinct_outputs};
 use crate::commands::inputs::Inputs;
 #[cfg(feature = "view")]
@@ -95,10 +96,11 @@ fn run_robot(
     json: bool,
 ) -> Result<()> {
     let report = RunLoop::new(args, robot, patrol, feed)?.run(stop)?;
-    if json {
-        println!("{}", serde_json::to_string(&report)?);
-    } else {
-        report.print();
+    // A closed terminal has ended the run, and nobody reads its report.
+    match (is_stdout_hung_up(), json) {
+        (true, _) => {}
+        (false, true) => println!("{}", serde_json::to_string(&report)?),
+        (false, false) => report.print(),
     }
     ensure!(
         report.outputs_lost.is_empty(),

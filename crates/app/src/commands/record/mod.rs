@@ -16,6 +16,7 @@ use pipeline::partial_folder::PartialFolder;
 use serde::Serialize;
 use vision::GroundMap;
 
+use crate::closed_terminal::is_stdout_hung_up;
 use crate::commands::arguments;
 use crate::run::command_arbiter::CommandArbiter;
 use crate::run::robot_folder::RobotPaths;
@@ -77,6 +78,10 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         record_folder(args, &robot, &hardware, &stop)
     };
     let outcome = recorded?;
+    if is_stdout_hung_up() {
+        // The closed terminal has ended the recording.
+        return Ok(());
+    }
     if json {
         println!("{}", serde_json::to_string(&outcome)?);
     } else {
