@@ -30,10 +30,11 @@ impl View {
             let source_problem = self.session.source_problem();
             if let Some(now) = &self.session.shown {
                 let mode = now.cycle.estimate.mode;
-                let text = pipeline::log::mode_and_reason(&now.cycle.estimate);
+                let text = self.session.mode_and_reason(&now.cycle.estimate);
                 match &source_problem {
                     // What an old cycle says is not how the robot is.
                     Some(_) => ui.weak(text),
+                    None if !self.session.holds_poses => ui.weak(text),
                     None => ui.colored_label(palette::mode_colour(mode), text),
                 };
             }

@@ -26,6 +26,7 @@ mod layer_worker;
 mod layout;
 mod layout_file;
 mod line_simplification;
+mod log_damage;
 mod menu;
 mod palette;
 mod panel_command;

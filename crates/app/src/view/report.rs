@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use eframe::egui::ColorImage;
+use localize::estimate::Mode;
 use vision::image::Image;
 use vision::output_file::write_file;
 
@@ -78,11 +79,15 @@ fn run_csv(session: &Session) -> String {
                 String::new()
             }
         };
+        let mode = |mode: Mode| match session.holds_poses {
+            true => format!("{mode:?}").to_lowercase(),
+            false => String::new(),
+        };
         let values: Vec<String> = sample
             .pose
             .into_iter()
             .map(number)
-            .chain([format!("{:?}", sample.mode).to_lowercase()])
+            .chain([mode(sample.mode)])
             .chain(
                 COLUMNS
                     .iter()
@@ -103,7 +108,7 @@ fn report_markdown(session: &Session) -> Result<String> {
             text,
             "At {:.3} s: {}",
             now.cycle.stamp.seconds(),
-            pipeline::log::mode_and_reason(estimate)
+            session.mode_and_reason(estimate)
         )?;
         if let Some(pose) = estimate.pose {
             writeln!(
@@ -151,9 +156,10 @@ fn report_markdown(session: &Session) -> Result<String> {
             device.fault_count
         )?;
     }
-    if !session.warnings.is_empty() {
+    let notices = session.notices();
+    if !notices.is_empty() {
         writeln!(text, "\n## Missing\n")?;
-        for line in &session.warnings {
+        for line in &notices {
             writeln!(text, "- {line}")?;
         }
     }

@@ -31,6 +31,9 @@ const NICE: i32 = 10;
 /// Frames drawn with a cycle before the screenshot is taken: layers are rendered by then.
 const SCREENSHOT_DELAY_FRAMES: u32 = 12;
 
+/// Longest time for which a screenshot waits until the whole log is read, seconds.
+const SCREENSHOT_READ_MAX: f64 = 10.0;
+
 /// Options of the window, from the command line.
 #[derive(Clone, Default)]
 pub(crate) struct WindowOptions {
@@ -191,8 +194,12 @@ impl eframe::App for ViewerApp {
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
         if let Some(path) = &self.options.screenshot {
-            let no_source = self.view.session.title.is_empty();
-            self.frames += u32::from(self.view.session.shown.is_some() || no_source);
+            let session = &self.view.session;
+            // Of a log that is damaged all over, the notice is shown.
+            let is_open =
+                session.shown.is_some() || session.title.is_empty() || session.last_error.is_some();
+            let is_read = session.is_read() || elapsed(SCREENSHOT_READ_MAX);
+            self.frames += u32::from(is_open && is_read);
             if self.frames == SCREENSHOT_DELAY_FRAMES {
                 let target = ScreenshotTarget::File(path.clone());
                 self.view.request_screenshot(ctx, target);

@@ -27,6 +27,8 @@ use super::schema::{CYCLE_TOPIC, IMAGE_TOPIC, convert, decode_compressed_image, 
 use super::summary::{WithoutChunks, read_summary};
 use crate::config::PIPELINE_FILE;
 
+/// Poses for viewers.
+const POSE_TOPIC: &str = "/pose";
 /// Number of chunks from which the topics of a truncated file are read. The first has all topics of Mirrorball.
 const TOPIC_SEARCH_CHUNKS: usize = 16;
 
@@ -112,9 +114,13 @@ impl LogIndex {
 
     fn with_topic_warnings(mut self) -> Self {
         if !self.has_topic(CYCLE_TOPIC) {
-            self.warnings.push(format!(
-                "no topic {CYCLE_TOPIC}: images and poses alone are shown"
-            ));
+            let shown = if self.has_topic(POSE_TOPIC) {
+                "images and poses alone are shown"
+            } else {
+                "images alone are shown"
+            };
+            self.warnings
+                .push(format!("no topic {CYCLE_TOPIC}: {shown}"));
         }
         if !self.has_topic(IMAGE_TOPIC) {
             self.warnings
@@ -150,6 +156,11 @@ impl LogIndex {
     /// The chunks, in the order of the file.
     pub fn chunks(&self) -> &[ChunkInfo] {
         &self.chunks
+    }
+
+    /// False if neither cycles nor poses can be read: the modes of its cycles mean nothing.
+    pub fn holds_poses(&self) -> bool {
+        self.cycles_readable || self.has_topic(POSE_TOPIC)
     }
 
     /// Times of the first and of the last message.

@@ -12,7 +12,7 @@ use crate::view::ground_placement::GroundPlacement;
 use crate::view::labels::Labels;
 use crate::view::palette;
 use crate::view::pen::Pen;
-use crate::view::session::Session;
+use crate::view::session::{NO_ESTIMATE, Session};
 
 /// Inputs of the drawing functions.
 pub(super) struct FieldCanvas<'a> {
@@ -247,6 +247,9 @@ pub(super) fn status_text(session: &Session) -> String {
         return "no cycle yet".to_owned();
     };
     let estimate = &now.cycle.estimate;
+    if !session.holds_poses {
+        return NO_ESTIMATE.to_owned();
+    }
     let mut text = pipeline::log::mode_and_advice(estimate);
     if let Some(certificate) = &estimate.certificate {
         text += &format!(

@@ -44,7 +44,7 @@ impl TimelinePanel {
         egui::ScrollArea::vertical()
             .auto_shrink(false)
             .show(ui, |ui| {
-                for line in &session.warnings {
+                for line in session.notices() {
                     ui.colored_label(palette::ORANGE, line);
                 }
                 marks(ui, session);

@@ -77,7 +77,13 @@ impl TimelineBar {
         let place = |time: f64| rect.left() + ((time - start) / length) as f32 * rect.width();
         let columns = rect.width().max(1.0) as usize;
         self.columns.update(&session.series, (start, end), columns);
-        self.columns.draw(&pen, rect, &place);
+        if session.holds_poses {
+            self.columns.draw(&pen, rect, &place);
+        }
+        for (from, to) in session.damage.parts() {
+            let gap = Rect::from_x_y_ranges(place(*from)..=place(*to), rect.y_range());
+            pen.rect(gap, ui.visuals().extreme_bg_color);
+        }
         draw_findings(&pen, rect, session.findings.all(), &place);
         if let Some(time) = session.hovered_time {
             draw_line(&pen, place(time), rect, (1.0, palette::YELLOW));
@@ -246,7 +252,10 @@ fn hover_text(session: &Session, time: f64, tolerance: f64) -> String {
             (finding.start - tolerance..=finding.stop + tolerance).contains(&time)
         });
     let lines = near.take(HOVER_FINDINGS).map(Finding::sentence);
+    let damaged = session.damage.covers(time);
+    let damaged = damaged.then(|| "cannot be read: the log is damaged here".to_owned());
     let text: Vec<String> = std::iter::once(format!("{time:.2} s"))
+        .chain(damaged)
         .chain(lines)
         .collect();
     text.join("\n")

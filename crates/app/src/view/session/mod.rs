@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Result;
+use localize::estimate::Estimate;
 use localize::map_correction::MapCorrectionEstimate;
 use localize::robot::BaseConfig;
 use localize::{At, FieldFrame, RobotFrame};
@@ -17,6 +18,7 @@ use crate::view::calibration_state::CalibrationState;
 use crate::view::curves::{Curve, CurveStore};
 use crate::view::device_monitor::DeviceMonitor;
 use crate::view::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
+use crate::view::log_damage::LogDamage;
 use crate::view::run_findings::RunFindings;
 use crate::view::selection::Selection;
 use crate::view::setting_changes::SettingChanges;
@@ -53,6 +55,9 @@ impl Default for Playback {
         }
     }
 }
+
+/// Said in place of the mode where the log holds none.
+pub(crate) const NO_ESTIMATE: &str = "no estimate in the log";
 
 /// A mark on the timeline.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,6 +104,10 @@ pub(crate) struct Session {
     pub(crate) findings: RunFindings,
     /// What the source lacks, one line each.
     pub(crate) warnings: Vec<String>,
+    /// Parts of the log that cannot be read, as far as it has been read.
+    pub(crate) damage: LogDamage,
+    /// False if the source has neither cycles nor poses: nobody knows whether the robot was lost.
+    pub(crate) holds_poses: bool,
     /// The last error.
     pub(crate) last_error: Option<String>,
     /// The settings that the source runs with, or that the log was recorded with.
@@ -146,6 +155,8 @@ impl Default for Session {
             marks: Vec::new(),
             findings: RunFindings::default(),
             warnings: Vec::new(),
+            damage: LogDamage::default(),
+            holds_poses: true,
             last_error: None,
             source_config: PipelineConfig::default(),
             settings: SettingsState::new(PipelineConfig::default()),
@@ -170,6 +181,27 @@ impl Session {
             Source::Live(live) => live.problem(),
             Source::Empty | Source::Log(_) => None,
         }
+    }
+
+    /// What the source lacks, and which parts of it are damaged, one line each.
+    pub(crate) fn notices(&self) -> Vec<String> {
+        let mut notices = self.warnings.clone();
+        notices.extend(self.damage.notice());
+        notices
+    }
+
+    /// Mode of the estimate, and why it is not simply tracked.
+    pub(crate) fn mode_and_reason(&self, estimate: &Estimate) -> String {
+        if self.holds_poses {
+            pipeline::log::mode_and_reason(estimate)
+        } else {
+            NO_ESTIMATE.to_owned()
+        }
+    }
+
+    /// True once all of the source has been read, or it is no log.
+    pub(crate) fn is_read(&self) -> bool {
+        self.metrics_reader.is_none()
     }
 
     /// Path of the log, if the source is one.

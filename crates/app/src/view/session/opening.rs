@@ -67,6 +67,7 @@ impl Session {
         let base = base_config_of(scene.as_deref());
         let metrics_reader = MetricsReader::start(player.index().clone(), base)?;
         let clock_offset_ns = player.index().header().clock_offset_ns;
+        let holds_poses = player.index().holds_poses();
         let fields = FieldReader::start(path, clock_offset_ns)?;
         let mut session = Session {
             title: format!("log {}", path.display()),
@@ -81,10 +82,14 @@ impl Session {
             source_config: recorded_config,
             metrics_reader: Some(metrics_reader),
             clock_offset_ns,
+            holds_poses,
             curves: CurveStore::of_log(fields),
             ..Session::default()
         };
         session.step(1);
+        if session.shown.is_none() {
+            session.show_first_readable();
+        }
         Ok(session)
     }
 

@@ -28,6 +28,10 @@ impl Session {
                 self.series.push(sample);
                 changed = true;
             }
+            for (chunk, span) in read.damaged {
+                self.damage.push(chunk, span);
+                changed = true;
+            }
             for (time, settings) in read.setting_changes {
                 let first = &self.source_config;
                 self.setting_changes.push_toml(time, &settings, first);
@@ -162,6 +166,17 @@ impl Session {
                 .map(|error| format!("{error:#}"))
                 .or(self.last_error.take());
         }
+    }
+
+    /// Shows the first cycle that can be read, and states why the log's first one cannot.
+    pub(super) fn show_first_readable(&mut self) {
+        let damage = self.last_error.take();
+        if let Source::Log(player) = &mut self.source {
+            let found = player.first_readable();
+            self.set_shown(found);
+            self.playback.time = self.shown_time().unwrap_or(self.playback.time);
+        }
+        self.last_error = damage.or(self.last_error.take());
     }
 
     fn set_shown(&mut self, result: Result<Option<DecodedCycle>>) {

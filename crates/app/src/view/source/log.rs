@@ -88,6 +88,17 @@ impl LogPlayer {
         Ok(None)
     }
 
+    /// The first cycle that can be read, of a log whose start is damaged.
+    pub(crate) fn first_readable(&mut self) -> Result<Option<DecodedCycle>> {
+        for part in 0..self.index.chunks().len().min(SEEK_CHUNKS) {
+            if self.chunk(part).is_ok_and(|cycles| !cycles.is_empty()) {
+                self.place = Some((part, 0));
+                return self.decode_current();
+            }
+        }
+        Ok(None)
+    }
+
     /// The last cycle at or before a time, without its image; None before the first one and after the end of the log.
     pub(crate) fn cycle_at(&mut self, time: f64) -> Result<Option<Arc<Cycle>>> {
         let (stamp, (_, end)) = (Stamp::from_seconds(time), self.index.span());

@@ -25,6 +25,8 @@ pub(crate) struct ReadPart {
     pub(crate) samples: Vec<CycleMetrics>,
     /// Stamps (s) at which settings changed, and the settings (TOML).
     pub(crate) setting_changes: Vec<(f64, Arc<str>)>,
+    /// Chunks that cannot be read, each with its first and last time, seconds.
+    pub(crate) damaged: Vec<(usize, (f64, f64))>,
     /// All findings so far; None: as before.
     pub(crate) findings: Option<Vec<Finding>>,
 }
@@ -60,6 +62,7 @@ impl MetricsReader {
                 Ok(batch) => {
                     read.samples.extend(batch.samples);
                     read.setting_changes.extend(batch.setting_changes);
+                    read.damaged.extend(batch.damaged);
                     read.findings = batch.findings.or(read.findings);
                 }
                 Err(std::sync::mpsc::TryRecvError::Empty) => return read,
@@ -92,17 +95,28 @@ fn read_metrics(
     let mut next = 0;
     let mut history = RunHistory::default();
     let mut next_search = FIRST_SEARCH;
-    for part in 0..index.chunks().len() {
+    for (part, chunk) in index.chunks().iter().enumerate() {
         if stop.load(Ordering::Relaxed) {
             return;
         }
-        // The player reports an unreadable chunk when it is shown. The plots have a gap there.
+        // The player reports the reason when the chunk is shown.
         let Ok(cycles) = index.load(part) else {
+            let damaged = vec![(part, (chunk.start.seconds(), chunk.end.seconds()))];
+            let batch = ReadPart {
+                damaged,
+                ..ReadPart::default()
+            };
+            if sender.send(batch).is_err() {
+                return;
+            }
             continue;
         };
         let mut batch = ReadPart::default();
         for mut logged in cycles {
-            history.push(logged.index, &logged.cycle);
+            // Without poses the whole run would be a finding.
+            if index.holds_poses() {
+                history.push(logged.index, &logged.cycle);
+            }
             if let Some(settings) = &logged.cycle.inputs.changed_config_toml {
                 let time = logged.cycle.stamp.seconds();
                 batch.setting_changes.push((time, settings.clone()));

@@ -1,6 +1,7 @@
 //! Drives the view without a window: finds widgets by their label and clicks them.
 
 mod curves;
+mod damaged;
 mod drawn_run;
 mod dropped;
 mod keyboard;

@@ -54,8 +54,8 @@ fn truncated_log_is_indexed_to_its_last_complete_chunk() {
     assert!(index.warnings().iter().any(|line| line.contains("is cut")));
 }
 
-/// Rewrites a log as another version might: in another format, with cycles that cannot be decoded.
-fn rewrite_as_newer_version(from: &Path, to: &Path) {
+/// Rewrites a log as another version might: in another format, with cycles that cannot be decoded, and without some topics.
+fn rewrite_as_newer_version(from: &Path, to: &Path, without: &[&str]) {
     let bytes = std::fs::read(from).expect("bytes");
     let file = std::fs::File::create(to).expect("a file");
     let mut writer = mcap::Writer::new(std::io::BufWriter::new(file)).expect("a writer");
@@ -69,6 +69,9 @@ fn rewrite_as_newer_version(from: &Path, to: &Path) {
     for message in mcap::MessageStream::new(&bytes).expect("messages") {
         let message = message.expect("a message");
         let topic = message.channel.topic.clone();
+        if without.contains(&&*topic) {
+            continue;
+        }
         let id = writer
             .add_channel(0, &topic, "protobuf", &BTreeMap::new())
             .expect("a channel");
@@ -95,7 +98,7 @@ fn newer_log_format_still_shows_images_poses_and_line_points() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, later) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
     record(&path, 20, &LogConfig::default());
-    rewrite_as_newer_version(&path, &later);
+    rewrite_as_newer_version(&path, &later, &[]);
     let index = LogIndex::open(&later).expect("an index");
     let warnings = index.warnings().join("\n");
     assert!(
@@ -112,7 +115,19 @@ fn newer_log_format_still_shows_images_poses_and_line_points() {
     assert_eq!((pose.x, pose.y), (known.x, known.y));
     assert!((pose.theta - known.theta).abs() < 1e-5);
     assert_eq!(found.cycle.line_points.len(), expected.line_points.len());
-    assert!(found.image.is_some());
+    assert!(found.image.is_some() && index.holds_poses());
+}
+
+#[test]
+fn log_without_cycles_and_poses_says_that_images_alone_are_shown() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, later) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    record(&path, 20, &LogConfig::default());
+    rewrite_as_newer_version(&path, &later, &["/cycle", "/pose"]);
+    let index = LogIndex::open(&later).expect("an index");
+    let line = "no topic /cycle: images alone are shown";
+    assert!(index.warnings().iter().any(|warning| warning == line));
+    assert!(!index.holds_poses() && all(&index).len() >= 20);
 }
 
 #[test]

@@ -125,7 +125,12 @@ impl PlotArea {
         // More points than screen columns would overlap.
         let points_max =
             (ui.available_width() * ui.pixels_per_point()).max(PLOT_HEIGHT_MIN) as usize;
-        thinned.update(config, curves, self.range, points_max);
+        thinned.update(
+            config,
+            curves,
+            (self.range, session.damage.parts()),
+            points_max,
+        );
         let [low, high] = thinned.limits;
         let cursor = ui.visuals().strong_text_color();
         let drawn = self

@@ -31,10 +31,12 @@ impl PlotItem for DrawnLine<'_> {
     fn shapes(&self, ui: &Ui, transform: &PlotTransform, shapes: &mut Vec<Shape>) {
         let widened = if self.line.highlighted() { 2.0 } else { 1.0 };
         let stroke = Stroke::new(widened * self.width, PlotItem::color(&self.line));
-        let places = self.points.iter();
-        let places = places.map(|point| transform.position_from_point(point));
         let pen = Pen::new(ui.painter().clone());
-        pen.line(places, stroke);
+        for part in self.points.split(|point| !point.y.is_finite()) {
+            let places = part.iter();
+            let places = places.map(|point| transform.position_from_point(point));
+            pen.line(places, stroke);
+        }
         shapes.extend(pen.take_shape());
     }
 

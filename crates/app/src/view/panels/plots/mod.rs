@@ -106,7 +106,9 @@ impl PlotsPanel {
             return;
         };
         let range = self.visible_range(span, session.playback.time);
-        self.modes.update(&session.series, range);
+        if session.holds_poses {
+            self.modes.update(&session.series, range);
+        }
         let mut area = PlotArea {
             range,
             span,

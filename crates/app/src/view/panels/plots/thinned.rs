@@ -11,6 +11,8 @@ use crate::view::curves::Curve;
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Key {
     range: (f64, f64),
+    /// Number of parts without data, and the end of the last one.
+    gaps: (usize, f64),
     points_max: usize,
     logarithmic: bool,
     thresholds: Vec<f64>,
@@ -38,7 +40,7 @@ impl ThinnedPlot {
         &mut self,
         config: &PlotConfig,
         curves: &[PlottedCurve<'_>],
-        range: (f64, f64),
+        (range, gaps): ((f64, f64), &[(f64, f64)]),
         points_max: usize,
     ) {
         let samples = curves.iter().flat_map(|one| {
@@ -47,6 +49,7 @@ impl ThinnedPlot {
         });
         let key = Key {
             range,
+            gaps: (gaps.len(), gaps.last().map_or(0.0, |gap| gap.1)),
             points_max,
             logarithmic: config.logarithmic,
             thresholds: config.thresholds.clone(),
@@ -64,7 +67,9 @@ impl ThinnedPlot {
             .iter()
             .map(|one| {
                 let others = one.others.iter().map(|(_, curve)| thinned(*curve));
-                (thinned(one.curve), others.collect())
+                let mut own = thinned(one.curve);
+                break_at_gaps(&mut own, gaps);
+                (own, others.collect())
             })
             .collect();
         self.thresholds = config
@@ -77,11 +82,31 @@ impl ThinnedPlot {
             .iter()
             .flat_map(|(own, others)| std::iter::once(own).chain(others))
             .flatten()
-            .map(|point| point.y);
+            .map(|point| point.y)
+            .filter(|value| value.is_finite());
         let values = drawn.chain(self.thresholds.iter().copied()).collect();
         (self.limits, self.is_clipped) = robust_limits(values).unwrap_or(([0.0, 1.0], false));
         self.key = Some(key);
     }
+}
+
+/// Breaks a curve where there are no data: a point without a value ends a line.
+fn break_at_gaps(points: &mut Vec<PlotPoint>, gaps: &[(f64, f64)]) {
+    for (from, to) in gaps {
+        let middle = (from + to) / 2.0;
+        let behind = points.partition_point(|point| point.x <= middle);
+        if (1..points.len()).contains(&behind) {
+            points.insert(behind, PlotPoint::new(middle, f64::NAN));
+        }
+    }
+}
+
+#[test]
+fn curve_is_broken_only_between_points_around_a_gap() {
+    let mut points: Vec<PlotPoint> = [0.0, 1.0, 2.0].map(|x| PlotPoint::new(x, 5.0)).into();
+    break_at_gaps(&mut points, &[(-2.0, -1.0), (1.2, 1.6), (3.0, 4.0)]);
+    let values = points.iter().map(|point| point.y.is_finite());
+    assert_eq!(values.collect::<Vec<_>>(), [true, true, false, true]);
 }
 
 fn state(name: &str, curve: Curve<'_>) -> (String, usize, usize, f64, f64) {
