@@ -16,7 +16,7 @@ fn picture(centre: [f32; 2], seed: usize, halo: f32) -> Image {
         let beyond = math::hypot(u as f32 - centre[0], v as f32 - centre[1]) - RADIUS;
         let noise = ((u * 7 + v * 13 + seed * 31) % 17) as f32;
         match beyond < 0.0 {
-            true if (u / 40 + v / 30 + seed) % 3 == 0 => 10.0 + noise / 4.0,
+            true if (u / 40 + v / 30 + seed).is_multiple_of(3) => 10.0 + noise / 4.0,
             true => 90.0 + noise,
             false => 8.0 + noise / 4.0 + halo * math::exp(-beyond / 6.0),
         }

@@ -104,7 +104,7 @@ impl VisibleRim {
             let at = rim.place((index / RADII) as f32, (index % RADII) as f32);
             let [u, v] = at.map(f32::round);
             let inside = (0.0..size[0] as f32).contains(&u) && (0.0..size[1] as f32).contains(&v);
-            inside.then(|| [u as u16, v as u16])
+            inside.then_some([u as u16, v as u16])
         };
         rim.pixels = (0..ANGLES * RADII).map(pixel).collect();
         Some(rim)
