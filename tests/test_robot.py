@@ -299,8 +299,10 @@ def test_run_that_a_closed_terminal_ends_succeeds(tmp_path: Path, states: StateO
 def test_teleop_without_a_terminal_says_that_there_is_no_keyboard(tmp_path: Path) -> None:
     sim = hardware(tmp_path / "robot")
     arguments = ["run", "--robot", tmp_path / "robot", "--teleop", "--duration", 1]
-    options = {"stdin": subprocess.DEVNULL, "start_new_session": True, "capture_output": True, "text": True}
-    done = subprocess.run([PROGRAM, *map(str, arguments)], check=False, **options)
+    program = [str(PROGRAM), *map(str, arguments)]
+    done = subprocess.run(
+        program, stdin=subprocess.DEVNULL, start_new_session=True, capture_output=True, text=True, check=False
+    )
     sim.send_signal(signal.SIGTERM)
     ended(sim)
     assert done.returncode == 0 and "no keyboard: the program has no terminal" in done.stderr, done.stderr

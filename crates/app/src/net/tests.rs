@@ -254,7 +254,7 @@ fn second_sender_with_the_session_of_the_first_does_not_drive_and_is_named() {
         silence: 1e4,
         ..CommandConfig::default()
     };
-    let (executed, received) = std::sync::mpsc::channel();
+    let (executed, received) = std::sync::mpsc::sync_channel(16);
     let execute = move |command: RemoteCommand| executed.send(command).is_ok();
     let commands = CommandListener::listen(&config, IDENTITY, execute).expect("listening");
     let [first, second] = [0, 1].map(|_| UdpSocket::bind("127.0.0.1:0").expect("a socket"));

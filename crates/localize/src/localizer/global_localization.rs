@@ -6,8 +6,11 @@ use super::field_half::HalfEvidence;
 use super::supported_points::supported_points;
 use crate::advice::{Advice, MotionAdvice, PointWeights};
 use crate::estimate::{Estimate, Reason};
-use crate::global_search::branch_and_bound::{CertifiedHypotheses, HeadingPrior, Hypothesis};
+use crate::global_search::branch_and_bound::{
+    BranchAndBound, CertifiedHypotheses, HeadingPrior, Hypothesis,
+};
 use crate::global_search::{GlobalSearch, GlobalSearchMethod, SearchInput};
+use crate::matching::Matcher;
 use crate::math;
 use crate::sample::{Compass, GoalObservation, LinePoint};
 use crate::stamp::Stamp;
@@ -47,33 +50,19 @@ impl Localizer {
             }
             _ => points,
         };
-        let mut heading_prior = self.heading_prior(stamp);
-        let mut input = SearchInput {
+        let input = SearchInput {
             distances: &self.distance_field,
             points,
-            heading_prior,
+            heading_prior: self.heading_prior(stamp),
             goals: &goals,
             single_image: self.last_odometry.is_none(),
         };
-        let (search, matcher) = (&mut self.search, &mut self.matcher);
-        let mut result = self.global_search.find_hypotheses(search, matcher, &input);
-        // The lines may contradict the compass.
-        let margin = self.config.mode.alternative_margin_share;
-        let score = |result: &CertifiedHypotheses| {
-            let best = result.hypotheses.first();
-            best.map_or(0.0, |best| best.score)
-        };
-        if heading_prior.is_some()
-            && matches!(self.global_search, GlobalSearch::Exact)
-            && score(&result) < 1.0 - margin
-        {
-            input.heading_prior = None;
-            let without = self.global_search.find_hypotheses(search, matcher, &input);
-            if score(&without) >= score(&result) + margin {
-                result = without;
-                heading_prior = None;
-            }
-        }
+        let (result, heading_prior) = search_unless_contradicted(
+            &mut self.global_search,
+            (&mut self.search, &mut self.matcher),
+            input,
+            self.config.mode.alternative_margin_share,
+        );
         let CertifiedHypotheses {
             hypotheses: found,
             certificate,
@@ -175,5 +164,34 @@ impl Localizer {
             let log_odds = self.coloured_goals.half_log_odds(hypothesis.pose, goals);
             log_odds.abs() >= log_odds_min
         })
+    }
+}
+
+/// Searches with the heading of the compass, and without it where another pose then explains clearly more: the lines contradict the
+/// compass. Second: the heading that was used. `margin`: share of the score that is clearly more.
+fn search_unless_contradicted(
+    global_search: &mut GlobalSearch,
+    (search, matcher): (&mut BranchAndBound, &mut Matcher),
+    input: SearchInput<'_>,
+    margin: f32,
+) -> (CertifiedHypotheses, Option<HeadingPrior>) {
+    let score = |result: &CertifiedHypotheses| {
+        let best = result.hypotheses.first();
+        best.map_or(0.0, |best| best.score)
+    };
+    let result = global_search.find_hypotheses(search, matcher, &input);
+    let heading_prior = input.heading_prior;
+    let is_exact = matches!(global_search, GlobalSearch::Exact);
+    if heading_prior.is_none() || !is_exact || score(&result) >= 1.0 - margin {
+        return (result, heading_prior);
+    }
+    let input = SearchInput {
+        heading_prior: None,
+        ..input
+    };
+    let without = global_search.find_hypotheses(search, matcher, &input);
+    match score(&without) >= score(&result) + margin {
+        true => (without, None),
+        false => (result, heading_prior),
     }
 }

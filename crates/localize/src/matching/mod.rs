@@ -318,7 +318,7 @@ impl Matcher {
     }
 
     /// Difference of a state from the prior.
-    fn from_prior(&self, state: &Vector5) -> RigidDifference {
+    fn prior_difference(&self, state: &Vector5) -> RigidDifference {
         RigidDifference::between(self.prior.pose, Pose::new(state[0], state[1], state[2]))
     }
 }

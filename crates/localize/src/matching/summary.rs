@@ -34,7 +34,7 @@ impl Matcher {
             / (weight + stated_weight))
             .clamp(0.1, 25.0);
         let variance_scale = scale * NEAREST_MARKING_SCALE * self.repetition;
-        let difference = self.from_prior(state);
+        let difference = self.prior_difference(state);
         let prior = difference.information(&self.prior.information);
         let pose_tilt = well_determined_inverse(&(sums.normal / variance_scale + prior))
             .unwrap_or_else(|| {
