@@ -20,7 +20,9 @@ pub use inputs::{
 use nalgebra::{Matrix3, Vector3};
 
 use crate::frames::Pose;
-use crate::matching::{Match, Matrix5, PARAMETERS, PosePrior, UNINFORMATIVE_PRIOR};
+use crate::matching::{
+    Match, Matrix5, PARAMETERS, PosePrior, RigidDifference, UNINFORMATIVE_PRIOR,
+};
 use crate::math;
 use crate::omni::{Twist, UNCORRECTED_MOTION};
 use crate::wheel_steps::OriginOffset;
@@ -256,14 +258,15 @@ impl PoseFilter {
     pub fn normalized_innovation_squared(&self, matched: &Match) -> f32 {
         let predicted = self.predicted_covariance(TiltPrior::STATE);
         let predicted = predicted.fixed_view::<3, 3>(0, 0);
+        let difference = RigidDifference::between(self.pose(), matched.pose);
         // Directions that the match left free are not updated. A tenth of S keeps them invertible: the matcher's robust
         // error moves them a little, too.
         let covariance = match self {
             // The match does not contain the prediction: S + R.
             PoseFilter::Curvature(_) => predicted + matched.covariance,
-            _ => predicted * 1.1 - matched.covariance,
+            _ => predicted * 1.1 - difference.pose_covariance(&matched.covariance),
         };
-        let innovation = matched.pose.difference(self.pose());
+        let innovation = difference.deviation;
         covariance.try_inverse().map_or(0.0, |inverse| {
             innovation.dot(&(inverse * innovation)).max(0.0)
         })
@@ -279,10 +282,13 @@ impl PoseFilter {
         let predicted = self.predicted_covariance(TiltPrior::STATE);
         let predicted = predicted.fixed_view::<3, 3>(0, 0).into_owned();
         let before = predicted.try_inverse()?;
-        let after = matched.covariance.try_inverse()?;
+        let difference = RigidDifference::between(self.pose(), matched.pose);
+        let after = difference
+            .pose_covariance(&matched.covariance)
+            .try_inverse()?;
         // A hundredth of the prior's information keeps directions without markings invertible.
         let noise = (after - before * 0.99).try_inverse()?;
-        let innovation = noise * after * matched.pose.difference(self.pose());
+        let innovation = noise * after * difference.deviation;
         let covariance = predicted + noise / matched.repetition_ratio + map;
         Some(innovation.dot(&(covariance.try_inverse()? * innovation)))
     }

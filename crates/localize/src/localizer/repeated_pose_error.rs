@@ -6,7 +6,7 @@
 use nalgebra::Matrix3;
 
 use crate::frames::Pose;
-use crate::matching::{PosePrior, Repetition};
+use crate::matching::{PosePrior, Repetition, RigidDifference};
 
 /// An image determines a direction of which it removes a larger share of the variance.
 const DETERMINED_MIN: f64 = 1e-3;
@@ -52,7 +52,8 @@ impl RepeatedPoseError {
         let whiten = |matrix: &Matrix3<f64>| whitening * matrix * whitening.transpose();
         // With the prediction's covariance as the unit, an image keeps a share k from 0 to 1 of it along three axes. Rounding leaves
         // more or less than that of a long covariance.
-        let kept = whiten(&covariance.map(f64::from));
+        let difference = RigidDifference::between(prior.pose, pose);
+        let kept = whiten(&difference.pose_covariance(covariance).map(f64::from));
         let axes = ((kept + kept.transpose()) * 0.5).symmetric_eigen();
         let along_axes = |value: fn(f64) -> f64| {
             let values = axes.eigenvalues.map(|kept| value(kept.clamp(0.0, 1.0)));

@@ -84,6 +84,11 @@ impl RigidDifference {
         symmetric(jacobian * of_pose * jacobian.transpose())
     }
 
+    /// The same without the tilt.
+    pub(crate) fn pose_covariance(&self, of_pose: &Matrix3<f32>) -> Matrix3<f32> {
+        symmetric(self.jacobian * of_pose * self.jacobian.transpose())
+    }
+
     /// Information on pose and tilt, of that on the difference.
     pub(crate) fn information(&self, of_difference: &Matrix5) -> Matrix5 {
         let jacobian = self.jacobian_with_tilt();
