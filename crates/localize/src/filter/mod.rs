@@ -21,7 +21,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::frames::Pose;
 use crate::matching::{
-    Match, Matrix5, PARAMETERS, PosePrior, RigidDifference, UNINFORMATIVE_PRIOR,
+    Match, Matrix5, PARAMETERS, PosePrior, RigidDifference, UNINFORMATIVE_PRIOR, information_of,
 };
 use crate::math;
 use crate::omni::{Twist, UNCORRECTED_MOTION};
@@ -224,7 +224,9 @@ impl PoseFilter {
     /// The curvature filter has none: its match depends on the points alone and starts at the predicted pose.
     pub fn pose_prior(&self, tilt_prior: TiltPrior) -> PosePrior {
         let predicted = self.predicted_covariance(tilt_prior);
-        let mut information = predicted.try_inverse().unwrap_or_else(Matrix5::zeros);
+        let mut information = information_of(&predicted)
+            .or_else(|| predicted.try_inverse())
+            .unwrap_or_else(Matrix5::zeros);
         if matches!(self, PoseFilter::Curvature(_)) {
             information
                 .fixed_view_mut::<3, 3>(0, 0)

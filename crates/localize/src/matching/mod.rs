@@ -30,6 +30,7 @@ use point_spread::{PointSpread, Residual};
 pub use repeated_errors::Repetition;
 use repeated_errors::{Remainder, RepeatedErrors};
 pub use rigid_difference::RigidDifference;
+pub(crate) use summary::information_of;
 
 /// Range of a typical line point, metres.
 pub(crate) const TYPICAL_RANGE: f32 = 3.0;

@@ -84,6 +84,13 @@ fn well_determined_inverse(information: &Matrix5) -> Option<Matrix5> {
     well.then_some(inverse)
 }
 
+/// Inverse of a covariance of (x, y, θ, a, b). A heading that is not known makes it a million times longer than wide, and an inverse in
+/// 32 bits would be no covariance's.
+pub(crate) fn information_of(covariance: &Matrix5) -> Option<Matrix5> {
+    let inverse = covariance.map(f64::from).cholesky()?.inverse();
+    Some(inverse.map(|value| value as f32))
+}
+
 /// Inverse of an information matrix to which `least` is added after rounding's negative parts are taken away.
 fn inverse_of(information: &Matrix5d, least: &Matrix5d) -> Matrix5 {
     let scale = information.diagonal().map(|value| value.max(1e-12).sqrt());

@@ -12,7 +12,7 @@ use super::state::{IMU_MOUNT, LATENCY, POSE, STATES, TILT, TWIST, YAW_RATE};
 use crate::filter::pose_gaussian::PosePosterior;
 use crate::filter::{FilterConfig, TiltPrior};
 use crate::frames::wrap_angle;
-use crate::matching::{Matrix5, PARAMETERS, RigidDifference, Vector5};
+use crate::matching::{Matrix5, PARAMETERS, RigidDifference, Vector5, information_of};
 use crate::math;
 
 /// P Hᵀ.
@@ -90,7 +90,7 @@ impl JointFilter {
     ) {
         let cross = self.cross_covariance(tilt_prior);
         let predicted = self.project_covariance(&cross, tilt_prior);
-        let Some(information) = predicted.try_inverse() else {
+        let Some(information) = information_of(&predicted) else {
             return;
         };
         let gain = cross * information;
@@ -142,7 +142,7 @@ impl JointFilter {
         posterior: &PosePosterior,
         tilt_prior: TiltPrior,
     ) {
-        if let Some(information) = self.predicted_covariance(tilt_prior).try_inverse() {
+        if let Some(information) = information_of(&self.predicted_covariance(tilt_prior)) {
             let difference = RigidDifference::between(self.pose(), posterior.pose);
             let innovation = difference.with_tilt(posterior.tilt);
             let remaining = difference.covariance(&posterior.covariance);
