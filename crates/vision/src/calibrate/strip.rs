@@ -31,7 +31,7 @@ pub struct StripCalibration {
     pub map: GroundMap,
     /// One per image.
     pub images: Vec<ImageResidual>,
-    /// Root mean square of all used points' radial residuals, pixels.
+    /// Root mean square of all used points' distances from the fit in the image, pixels.
     pub rms_px: f64,
     /// Detected edges of the used images.
     pub points: Vec<Correspondence>,
@@ -43,7 +43,7 @@ const IMAGES_MIN: usize = 8;
 /// Harmonics around the circle: one for offset, two for tilt, the rest for a mirror that is not round.
 const HARMONICS_MAX: usize = 4;
 
-/// An image with a larger median radial residual is excluded, pixels.
+/// An image whose edges lie farther from where the others say, by the median, is excluded, pixels.
 const IMAGE_RESIDUAL_MAX_PX: f64 = 2.0;
 
 /// A single edge with a larger residual is an outlier, pixels.
@@ -104,7 +104,7 @@ pub fn calibrate_strip(
                     let ring = rings
                         .iter()
                         .find(|ring| ring.edge_index == edge.edge_index)?;
-                    Some((edge.radius - ring.radius.evaluate(images[index].direction)).abs())
+                    Some(ring.distance_px(images[index].direction, edge))
                 });
                 median(offs.collect()).filter(|_| left_out[index].is_none())
             })
@@ -115,7 +115,7 @@ pub fn calibrate_strip(
         match worst {
             Some((index, off)) if off > IMAGE_RESIDUAL_MAX_PX => {
                 left_out[index] = Some(format!(
-                    "its edges deviate by {off:.1} pixels from the other images"
+                    "its edges lie {off:.1} pixels from where the other images say: is its direction right?"
                 ));
             }
             _ => {
@@ -152,6 +152,15 @@ struct EdgeRing {
     edge_index: usize,
     radius: FourierSeries,
     deviation: FourierSeries,
+}
+
+impl EdgeRing {
+    /// Distance of an edge in the image of a direction from where the fit says, pixels.
+    fn distance_px(&self, direction: f64, edge: &PolarEdge) -> f64 {
+        let along = edge.radius - self.radius.evaluate(direction);
+        let across = edge.radius * (edge.deviation - self.deviation.evaluate(direction));
+        math::hypot(along, across)
+    }
 }
 
 /// Fits each edge's radius and deviation over the directions. None if too few images remain.
@@ -246,7 +255,7 @@ fn build_calibration(
                 let ring = rings
                     .iter()
                     .find(|ring| ring.edge_index == edge.edge_index)?;
-                Some(edge.radius - ring.radius.evaluate(image.direction))
+                Some(ring.distance_px(image.direction, edge))
             })
             .collect();
         let squares: f64 = offs.iter().map(|off| off * off).sum();
