@@ -327,7 +327,7 @@ fn sizes_of_the_field_are_found_with_the_map() {
         assert!(is_named || size.get(&given.config) == got, "{name}");
     }
     let near = median_map_error(&found.mirror.calibration.map, &exact, 0.5, 3.0);
-    assert!(near <= 0.04, "median {near} m inside 3 m");
+    assert!(near <= 0.045, "median {near} m inside 3 m");
 }
 
 #[test]
