@@ -28,6 +28,7 @@ check: lint
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --release --locked --workspace --all-targets --features app/ros2 -- -D warnings
+	cargo clippy --release --locked -p app --no-default-features -- -D warnings
 	$(VENV)/bin/ruff check py tests
 	$(VENV)/bin/ruff format --check py tests
 	$(VENV)/bin/mypy

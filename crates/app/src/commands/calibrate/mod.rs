@@ -19,9 +19,7 @@ use anyhow::Result;
 use pipeline::setup_check::LINES_ORIGIN_STD;
 
 pub(crate) use lines::{LinesArgs, calibrate_map_from_lines};
-#[cfg(feature = "view")]
-pub(crate) use map::Outcome;
-pub(crate) use map::{MapArgs, calibrate_map};
+pub(crate) use map::{MapArgs, Outcome, calibrate_map};
 
 /// Calibrate the camera (rim, ground map and its mount, colours, mask, sizes, latency), the wheels, the inertial unit and the compass.
 #[derive(clap::Args)]
