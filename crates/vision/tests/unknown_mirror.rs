@@ -315,19 +315,26 @@ fn sizes_of_the_field_are_found_with_the_map() {
     )
     .expect("a map");
     let texts = || found.told.iter().chain(&found.untold);
-    for (size, name) in FieldSize::all(&real).iter().zip([
+    let precise = [
         "length",
         "width",
         "centre_circle_radius",
         "penalty_area.width",
-    ]) {
+    ];
+    for size in FieldSize::all(&real) {
         let (wanted, got) = (size.get(&real), size.get(&found.field.config));
-        assert!((got - wanted).abs() < 0.02 * wanted, "{name}: {got}");
-        let is_named = texts().any(|text| text.starts_with(name));
-        assert!(is_named || size.get(&given.config) == got, "{name}");
+        let text = size.text(&given.config, &found.field.config);
+        // The sizes of few lines, in the scale that the median size has by chance.
+        let is_precise = precise.iter().any(|name| text.starts_with(name));
+        let bound = if is_precise { 0.02 * wanted } else { 0.1 };
+        assert!((got - wanted).abs() < bound, "{text}, not {wanted}");
+        assert!(
+            texts().any(|named| *named == text) || size.get(&given.config) == got,
+            "{text}"
+        );
     }
     let near = median_map_error(&found.mirror.calibration.map, &exact, 0.5, 3.0);
-    assert!(near <= 0.045, "median {near} m inside 3 m");
+    assert!(near <= 0.04, "median {near} m inside 3 m");
 }
 
 #[test]

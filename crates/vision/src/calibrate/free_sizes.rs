@@ -5,7 +5,7 @@ use localize::field::{FieldConfig, FieldSize, Marking};
 use localize::matching::distance_field::{NearestMarking, tangent};
 
 /// Standard deviation of a size from that of the field file, as a share of it: what no image shows stays as it is there.
-const SIZE_STD: f64 = 0.2;
+pub(super) const SIZE_STD: f64 = 0.2;
 
 /// A size changes by no more than this share in a step of the fit.
 const CHANGE_MAX: f32 = 0.2;

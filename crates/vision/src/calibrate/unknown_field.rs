@@ -9,6 +9,7 @@ use localize::field::{FieldConfig, FieldSize};
 use localize::math;
 use rayon::prelude::*;
 
+use crate::calibrate::free_sizes::SIZE_STD;
 use crate::calibrate::joint_fit::Markings;
 use crate::calibrate::line_pixels::SearchImage;
 use crate::calibrate::mirror_search::{MirrorHypothesis, MirrorSearch};
@@ -106,49 +107,114 @@ fn agreeing_sizes(sizes: &[FieldSize], a: &FieldConfig, b: &FieldConfig) -> Vec<
     most.filter(|sizes| sizes.len() > 1).unwrap_or_default()
 }
 
-/// Alternates fits of the sizes and of the mirror. None if the result is no mirror.
+/// Fits the sizes and the mirror. None if the result is no mirror.
 fn fit_sizes(
-    mut model: RadialModel,
+    model: RadialModel,
     images: &[SearchImage],
     configured: &Field,
     known: KnownSizes,
 ) -> Option<SizedField> {
     /// Fits of the sizes before each fit of the mirror.
     const ROUNDS: [usize; 5] = [3, 1, 1, 1, 1];
-    let mut field = configured.clone();
-    let mut last = None;
-    for size_fits in ROUNDS {
-        for _ in 0..size_fits {
-            let markings = Markings::new(&field);
-            let search = MirrorSearch::new(&field, &markings, known);
-            (model, field) = search.refine_sizes(&configured.config, &field, &model, images)?;
-        }
-        let markings = Markings::new(&field);
-        let search = MirrorSearch::new(&field, &markings, known);
-        let refined = search.locate_and_refine(&model, images);
-        model = refined.model.clone();
-        last = Some(refined);
-    }
-    let last = last?;
-    let [inner, outer] = last.radii_px;
-    last.model.is_plausible(inner, outer).then_some(SizedField {
-        field: field.config,
-        score: last.score,
+    let fit = SizesFit {
+        images,
+        configured,
+        known,
+    };
+    let found = fit.alternate(model, configured.clone(), &ROUNDS)?;
+    let found = fit.release_caught_sizes(found);
+    Some(SizedField {
+        field: found.field.config,
+        score: found.mirror.score,
     })
 }
 
-/// The field in the scale in which the median size is that of the file.
-fn in_file_scale(configured: &FieldConfig, field: &FieldConfig) -> FieldConfig {
+/// Fits of the sizes and of the mirror on the same images.
+struct SizesFit<'a> {
+    images: &'a [SearchImage],
+    configured: &'a Field,
+    known: KnownSizes,
+}
+
+/// A mirror and the field that fits with it.
+struct FittedField {
+    mirror: MirrorHypothesis,
+    field: Field,
+}
+
+impl SizesFit<'_> {
+    /// Alternates fits of the sizes and of the mirror. `rounds`: fits of the sizes before each fit of the mirror. None if the result is
+    /// no mirror.
+    fn alternate(
+        &self,
+        mut model: RadialModel,
+        mut field: Field,
+        rounds: &[usize],
+    ) -> Option<FittedField> {
+        let mut last = None;
+        for &size_fits in rounds {
+            for _ in 0..size_fits {
+                let markings = Markings::new(&field);
+                let search = MirrorSearch::new(&field, &markings, self.known);
+                let configured = &self.configured.config;
+                (model, field) = search.refine_sizes(configured, &field, &model, self.images)?;
+            }
+            let markings = Markings::new(&field);
+            let search = MirrorSearch::new(&field, &markings, self.known);
+            let refined = search.locate_and_refine(&model, self.images);
+            model = refined.model.clone();
+            last = Some(refined);
+        }
+        let mirror = last?;
+        let [inner, outer] = mirror.radii_px;
+        let is_plausible = mirror.model.is_plausible(inner, outer);
+        is_plausible.then_some(FittedField { mirror, field })
+    }
+
+    /// While poses were wrong, a size may have caught another marking's points, and its own are outliers since. Each size that is
+    /// farther from the file's than expected starts there again, and stays there if that explains more points.
+    fn release_caught_sizes(&self, mut found: FittedField) -> FittedField {
+        const ROUNDS: [usize; 3] = [1, 1, 1];
+        let configured = &self.configured.config;
+        for size in FieldSize::all(configured) {
+            let scale = file_scale(configured, &found.field.config);
+            let expected = size.get(configured) / scale;
+            if (size.get(&found.field.config) / expected - 1.0).abs() < SIZE_STD as f32 {
+                continue;
+            }
+            let Ok(start) = Field::new(size.with(&found.field.config, expected)) else {
+                continue;
+            };
+            let released = self.alternate(found.mirror.model.clone(), start, &ROUNDS);
+            if let Some(released) = released
+                && released.mirror.score > found.mirror.score
+            {
+                found = released;
+            }
+        }
+        found
+    }
+}
+
+/// The factor to a field's sizes with which the median of them is that of the file.
+fn file_scale(configured: &FieldConfig, field: &FieldConfig) -> f32 {
     let sizes = FieldSize::all(configured);
     let mut ratios: Vec<f32> = sizes
         .iter()
         .map(|size| size.get(configured) / size.get(field))
         .collect();
     ratios.sort_by(f32::total_cmp);
-    let factor = ratios.get(ratios.len() / 2).copied().unwrap_or(1.0);
+    ratios.get(ratios.len() / 2).copied().unwrap_or(1.0)
+}
+
+/// The field in the scale in which the median size is that of the file.
+fn in_file_scale(configured: &FieldConfig, field: &FieldConfig) -> FieldConfig {
+    let factor = file_scale(configured, field);
     let scaled =
         |field: FieldConfig, size: &FieldSize| size.with(&field, factor * size.get(&field));
-    sizes.iter().fold(field.clone(), scaled)
+    FieldSize::all(configured)
+        .iter()
+        .fold(field.clone(), scaled)
 }
 
 /// The field of the file with the sizes that differ, in centimetres.
