@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use localize::math;
 use localize::robot::CameraConfig;
-use vision::calibrate::{Strip, StripImage, calibrate_strip, fit_mount};
+use vision::calibrate::{BarColour, Strip, StripImage, calibrate_strip, fit_mount};
 use vision::optics::ray_tracing::Tracer;
 use vision::{GroundMap, Image, Mount, Profile, optics};
 
@@ -214,4 +214,33 @@ fn mask_covers_rods_but_not_floor() {
         unmasked * 100 >= all * 94,
         "{unmasked} of {all} floor pixels are unmasked"
     );
+}
+
+#[test]
+fn first_bar_of_the_wrong_colour_is_noticed() {
+    let strip = Strip {
+        first_bar: BarColour::White,
+        ..strip()
+    };
+    let error = calibrate_strip(&camera(), &strip, &images()).expect_err("refused");
+    let message = error.to_string();
+    assert!(message.contains("farther from the robot"), "{message}");
+}
+
+#[test]
+fn strip_that_begins_elsewhere_than_described_is_noticed() {
+    for first_edge in [0.2, 0.6] {
+        let strip = Strip {
+            first_edge,
+            ..strip()
+        };
+        let error = calibrate_strip(&camera(), &strip, &images()).expect_err("refused");
+        let message = error.to_string();
+        let wanted = if first_edge < 0.4 {
+            "farther from"
+        } else {
+            "nearer to"
+        };
+        assert!(message.contains(wanted), "{message}");
+    }
 }

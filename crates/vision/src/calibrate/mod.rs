@@ -42,7 +42,7 @@ pub use mask::calibrate_mask;
 pub use mount_fit::{MountFit, fit_mount};
 pub use rim::{Rim, RimError, find_rim};
 pub use strip::{StripCalibration, StripImage, calibrate_strip};
-pub use strip_target::Strip;
+pub use strip_target::{BarColour, Strip};
 pub use unknown_mirror::{
     UnknownField, UnknownMirror, calibrate_unknown_field, calibrate_unknown_mirror,
 };
@@ -122,6 +122,17 @@ pub enum CalibrationError {
         required: usize,
         /// First reasons for excluding images.
         reasons: String,
+    },
+    /// The strip lies elsewhere than its description says.
+    #[error(
+        "by how wide the bars appear, they lie {:.2} m {} the robot than strip.toml says: are first_edge, spacing and the colour of \
+         first_bar right?",
+        nearer.abs(),
+        if *nearer > 0.0 { "nearer to" } else { "farther from" }
+    )]
+    Strip {
+        /// By how much they are nearer, metres.
+        nearer: f64,
     },
     /// The fit does not converge.
     #[error("the fit does not converge: {0}")]

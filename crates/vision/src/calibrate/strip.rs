@@ -40,6 +40,9 @@ pub struct StripCalibration {
 /// Fewest directions that separate a tilt from noise.
 const IMAGES_MIN: usize = 8;
 
+/// Fewest edges that give a map along the radius.
+const RINGS_MIN: usize = 4;
+
 /// Harmonics around the circle: one for offset, two for tilt, the rest for a mirror that is not round.
 const HARMONICS_MAX: usize = 4;
 
@@ -57,6 +60,7 @@ pub fn calibrate_strip(
 ) -> Result<StripCalibration, CalibrationError> {
     strip.check()?;
     let mut edges_by_image = Vec::with_capacity(images.len());
+    let mut distance_offsets = Vec::with_capacity(images.len());
     for image in images {
         image
             .image
@@ -76,8 +80,11 @@ pub fn calibrate_strip(
             width: strip.width,
             starts_black: strip.first_bar == BarColour::Black,
         };
-        edges_by_image.push(search.detect());
+        let found = search.detect();
+        distance_offsets.extend(found.distance_offset);
+        edges_by_image.push(found.edges);
     }
+    ensure_bars_are_numbered(strip, distance_offsets)?;
     let repeated = repeated_images(images.iter().map(|image| &image.image));
     let mut left_out: Vec<Option<String>> = edges_by_image
         .iter()
@@ -86,9 +93,9 @@ pub fn calibrate_strip(
             if let Some(first) = repeated {
                 return Some(format!("the same picture as {}", images[first].name));
             }
-            (edges.len() < 4).then(|| {
+            (edges.len() < RINGS_MIN).then(|| {
                 format!(
-                    "too few edges of the strip: {} (expected at least 4)",
+                    "too few edges of the strip: {} (expected at least {RINGS_MIN})",
                     edges.len()
                 )
             })
@@ -97,7 +104,7 @@ pub fn calibrate_strip(
     // Exclude images one by one, the worst first, since an outlier affects the fit of all.
     loop {
         let rings = fit_rings(strip, images, &edges_by_image, &left_out);
-        let rings = rings.ok_or_else(|| too_few_images(&left_out))?;
+        let rings = rings.ok_or_else(|| too_little_seen(&left_out))?;
         let offs: Vec<Option<f64>> = (0..images.len())
             .map(|index| {
                 let offs = edges_by_image[index].iter().filter_map(|edge| {
@@ -132,18 +139,40 @@ pub fn calibrate_strip(
     }
 }
 
-fn too_few_images(left_out: &[Option<String>]) -> CalibrationError {
+/// The bars must be where strip.toml says by how wide they appear. `distance_offsets`: by which they are nearer, metres, of each image.
+///
+/// A bar's place is known by its number alone: a first bar of the wrong colour moves all of them by one.
+fn ensure_bars_are_numbered(
+    strip: &Strip,
+    distance_offsets: Vec<f64>,
+) -> Result<(), CalibrationError> {
+    match median(distance_offsets) {
+        Some(offset) if offset.abs() > 0.5 * strip.spacing => {
+            Err(CalibrationError::Strip { nearer: offset })
+        }
+        _ => Ok(()),
+    }
+}
+
+fn too_little_seen(left_out: &[Option<String>]) -> CalibrationError {
     let reasons: Vec<&str> = left_out
         .iter()
         .flatten()
         .map(String::as_str)
         .take(3)
         .collect();
+    let reasons = reasons.join("; ");
+    let used = left_out.iter().filter(|reason| reason.is_none()).count();
+    if used >= IMAGES_MIN {
+        return CalibrationError::Undecided(format!(
+            "fewer than {RINGS_MIN} edges of the strip are seen in half of the {used} usable images. {reasons}"
+        ));
+    }
     CalibrationError::TooFewImages {
-        used: left_out.iter().filter(|reason| reason.is_none()).count(),
+        used,
         total: left_out.len(),
         required: IMAGES_MIN,
-        reasons: reasons.join("; "),
+        reasons,
     }
 }
 
@@ -203,7 +232,7 @@ fn fit_rings(
             deviation,
         });
     }
-    (rings.len() >= 4).then_some(rings)
+    (rings.len() >= RINGS_MIN).then_some(rings)
 }
 
 /// A periodic fit that drops wrong readings; `pixels` turns a residual into pixels.

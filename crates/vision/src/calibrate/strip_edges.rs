@@ -15,6 +15,15 @@ pub(super) struct PolarEdge {
     pub(super) deviation: f64,
 }
 
+/// What one image shows of the strip.
+#[derive(Debug, Clone, Default)]
+pub(super) struct DetectedStrip {
+    /// Its edges, from the robot outward.
+    pub(super) edges: Vec<PolarEdge>,
+    /// Metres by which the bars lie nearer than their indices say, by how wide they appear. None if too few bars show their width.
+    pub(super) distance_offset: Option<f64>,
+}
+
 /// Detects the strip's edges in one image.
 pub(super) struct StripEdgeDetector<'a> {
     pub(super) camera: &'a CameraConfig,
@@ -28,11 +37,27 @@ pub(super) struct StripEdgeDetector<'a> {
     pub(super) starts_black: bool,
 }
 
+/// Fewest bars whose widths tell where the strip begins.
+const WIDTHS_MIN: usize = 4;
+
 /// Sampling step along the strip, pixels.
 const PROFILE_STEP_PX: f64 = 0.25;
 
 /// Smallest amplitude of an edge, as a fraction of the profile's range: glare and blur reduce it.
 const AMPLITUDE_RATIO_MIN: f64 = 0.18;
+
+/// The middle of a bar across the strip.
+#[derive(Debug, Clone, Copy)]
+struct BarCentre {
+    /// Distance from the axis, pixels.
+    radius: f64,
+    /// Angle from the strip's nominal direction, radians.
+    deviation: f64,
+    /// On the ground by its index, metres.
+    distance: f64,
+    /// How wide the bar appears from the axis, radians.
+    width: f64,
+}
 
 /// An edge in a radial profile.
 #[derive(Debug, Clone, Copy)]
@@ -43,25 +68,31 @@ struct ProfileEdge {
 }
 
 impl StripEdgeDetector<'_> {
-    /// All detected edges with their indices.
-    pub(super) fn detect(&self) -> Vec<PolarEdge> {
+    /// All detected edges with their indices, and whether these fit how wide the bars appear.
+    pub(super) fn detect(&self) -> DetectedStrip {
         // Deviation of the strip from its direction: offset and slope over the radius, refined iteratively.
         let mut bend = [0.0f64, 0.0];
-        let mut found = Vec::new();
+        let mut found = DetectedStrip::default();
         for _ in 0..6 {
             let numbered = self.number_edges(&self.find_profile_edges(bend));
-            if numbered.len() < 3 {
-                return numbered
-                    .iter()
-                    .map(|&(number, edge)| self.polar(number, edge, bend))
-                    .collect();
+            let mut distance_offset = None;
+            if numbered.len() >= 3 {
+                let bars = self.find_bar_centres(&numbered, bend);
+                let middles: Vec<[f64; 2]> =
+                    bars.iter().map(|bar| [bar.radius, bar.deviation]).collect();
+                bend = fit_theil_sen(&middles).unwrap_or(bend);
+                distance_offset = find_distance_offset(&bars);
             }
-            let middles = self.find_bar_centres(&numbered, bend);
-            bend = fit_theil_sen(&middles).unwrap_or(bend);
-            found = numbered
-                .iter()
-                .map(|&(number, edge)| self.polar(number, edge, bend))
-                .collect();
+            let edges = numbered.iter();
+            found = DetectedStrip {
+                edges: edges
+                    .map(|&(number, edge)| self.polar(number, edge, bend))
+                    .collect(),
+                distance_offset,
+            };
+            if numbered.len() < 3 {
+                break;
+            }
         }
         found
     }
@@ -176,8 +207,12 @@ impl StripEdgeDetector<'_> {
         numbered
     }
 
-    /// Centre of the strip across, at the middle of each bar: radius (pixels) and deviation (radians).
-    fn find_bar_centres(&self, numbered: &[(usize, ProfileEdge)], bend: [f64; 2]) -> Vec<[f64; 2]> {
+    /// Centre of the strip across, at the middle of each bar.
+    fn find_bar_centres(
+        &self,
+        numbered: &[(usize, ProfileEdge)],
+        bend: [f64; 2],
+    ) -> Vec<BarCentre> {
         let mut middles = Vec::new();
         for pair in numbered.windows(2) {
             let ((number, inner), (_, outer)) = (pair[0], pair[1]);
@@ -222,10 +257,12 @@ impl StripEdgeDetector<'_> {
             if let (Some(left), Some(right)) = (side(0, -steps), side(0, steps)) {
                 let width = (right - left) * PROFILE_STEP_PX / radius;
                 if (0.6..1.6).contains(&(width / (2.0 * half))) {
-                    middles.push([
+                    middles.push(BarCentre {
                         radius,
-                        expected + (left + right) / 2.0 * PROFILE_STEP_PX / radius,
-                    ]);
+                        deviation: expected + (left + right) / 2.0 * PROFILE_STEP_PX / radius,
+                        distance,
+                        width,
+                    });
                 }
             }
         }
@@ -259,6 +296,23 @@ fn find_extrema(values: &[f64], swing: f64) -> Vec<usize> {
         None => {}
     }
     found
+}
+
+/// Metres by which bars lie nearer than their indices say, so that all have one width. A bar at distance d − offset appears as wide as
+/// 2 atan(w / 2 (d − offset)): over 1/d, the reciprocal of its width in units of d is a straight line.
+fn find_distance_offset(bars: &[BarCentre]) -> Option<f64> {
+    if bars.len() < WIDTHS_MIN {
+        return None;
+    }
+    let points: Vec<[f64; 2]> = bars
+        .iter()
+        .map(|bar| {
+            let widths_away = 0.5 / math::tan(bar.width / 2.0);
+            [1.0 / bar.distance, widths_away / bar.distance]
+        })
+        .collect();
+    let [offset, slope] = fit_theil_sen(&points)?;
+    Some(-slope / offset).filter(|offset| offset.is_finite())
 }
 
 /// Offset and slope through points (x, y): median slope over all pairs (Theil–Sen), robust to outliers.
