@@ -59,6 +59,28 @@ def copy_of(drive: Path, folder: Path) -> Path:
     return folder
 
 
+def refusal(folder: Path) -> str:
+    done = subprocess.run([PROGRAM, "locate", folder], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    return done.stderr
+
+
+def test_rows_of_odometry_written_twice_are_refused(drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(drive, tmp_path / "twice")
+    rows = rows_of(folder / "odometry.csv")
+    write_rows(folder / "odometry.csv", [row for row in rows for _ in range(2)])
+    assert "odometry.csv: line" in refusal(folder) and "the row before again" in refusal(folder)
+    # A row of a steady drive that repeats by its coarse stamp is none.
+    write_rows(folder / "odometry.csv", [row for k, row in enumerate(rows) for _ in range(2 if k % 10 == 0 else 1)])
+    subprocess.run([PROGRAM, "locate", folder], capture_output=True, check=True)
+
+
+def test_images_of_one_time_are_refused(drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(drive, tmp_path / "one_time")
+    write_rows(folder / "frames.csv", [{**row, "stamp_s": "0.5"} for row in rows_of(folder / "frames.csv")])
+    assert f"frames.csv: all {IMAGES} images have stamp_s 0.500" in refusal(folder)
+
+
 def doctor(folder: Path) -> dict[str, Any]:
     done = subprocess.run([PROGRAM, "doctor", "--recording", folder, "--json"], capture_output=True, text=True, timeout=300)
     result: dict[str, Any] = json.loads(done.stdout)

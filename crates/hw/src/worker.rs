@@ -138,7 +138,7 @@ impl Drop for Worker {
 /// A thread that did not run for longer was paused, seconds: a busy machine delays it by less.
 const PAUSE_MIN: f64 = 0.25;
 
-/// Detects that the thread was paused (SIGSTOP, a debugger, a suspended machine).
+/// Detects that the thread was paused (SIGSTOP, a debugger). The clock of a suspended machine stands still, so that a suspension is none.
 ///
 /// What waits in a device's buffers after a pause has an unknown age, because serial lines carry no receive stamps.
 #[derive(Debug)]

@@ -134,18 +134,7 @@ impl Recording {
         if points.exists() {
             events.extend(read_points(&points, point_std)?);
         } else if images.exists() {
-            let mut last = None;
-            for row in CsvTable::read(&images, &["stamp_s", "file"])?.rows() {
-                let stamp = parse_stamp(row)?;
-                if last.is_some_and(|last| stamp < last) {
-                    bail!("{}: stamp_s goes back in time", row.location());
-                }
-                last = Some(stamp);
-                events.push(RecordedSample {
-                    stamp,
-                    data: RecordedData::Image(folder.join(row.text("file")?)),
-                });
-            }
+            events.extend(read_images(&images, folder)?);
         } else {
             bail!(
                 "{} is no recording: it has neither frames.csv nor points.csv",
@@ -182,25 +171,7 @@ impl Recording {
             stamp: truth.stamp,
             data: RecordedData::Truth(truth.clone()),
         }));
-        if let Some(table) = read_optional_table(
-            folder,
-            "odometry.csv",
-            &["stamp_s", "dx_m", "dy_m", "dtheta_rad"],
-        )? {
-            let mut last = None;
-            for row in table.rows() {
-                let odometry = parse_odometry(row)?;
-                // Each row is the motion since the previous row, so the order of rows matters.
-                if last.is_some_and(|last| odometry.stamp < last) {
-                    bail!("{}: stamp_s goes back in time", row.location());
-                }
-                last = Some(odometry.stamp);
-                events.push(RecordedSample {
-                    stamp: odometry.stamp,
-                    data: RecordedData::Odometry(odometry),
-                });
-            }
-        }
+        events.extend(read_odometry(folder)?);
         if let Some(table) =
             read_optional_table(folder, "compass.csv", &["stamp_s", "heading_rad"])?
         {
@@ -300,6 +271,69 @@ impl Iterator for Recording {
             content,
         }))
     }
+}
+
+/// Images of frames.csv.
+fn read_images(table: &Path, folder: &Path) -> Result<Vec<RecordedSample>> {
+    let mut images: Vec<RecordedSample> = Vec::new();
+    for row in CsvTable::read(table, &["stamp_s", "file"])?.rows() {
+        let stamp = parse_stamp(row)?;
+        if images.last().is_some_and(|last| stamp < last.stamp) {
+            bail!("{}: stamp_s goes back in time", row.location());
+        }
+        images.push(RecordedSample {
+            stamp,
+            data: RecordedData::Image(folder.join(row.text("file")?)),
+        });
+    }
+    if let [first, .., last] = &images[..]
+        && first.stamp == last.stamp
+    {
+        bail!(
+            "{}: all {} images have stamp_s {:.3} (expected the time of each exposure, seconds)",
+            table.display(),
+            images.len(),
+            first.stamp.seconds()
+        );
+    }
+    Ok(images)
+}
+
+/// Motions of odometry.csv. Each row is the motion since the previous row, so the order of rows matters.
+fn read_odometry(folder: &Path) -> Result<Vec<RecordedSample>> {
+    let columns = ["stamp_s", "dx_m", "dy_m", "dtheta_rad"];
+    let Some(table) = read_optional_table(folder, "odometry.csv", &columns)? else {
+        return Ok(Vec::new());
+    };
+    let mut motions: Vec<Odometry> = Vec::new();
+    let mut repeated: Vec<String> = Vec::new();
+    for row in table.rows() {
+        let odometry = parse_odometry(row)?;
+        if let Some(last) = motions.last() {
+            if odometry.stamp < last.stamp {
+                bail!("{}: stamp_s goes back in time", row.location());
+            }
+            if odometry == *last && odometry.path() > 0.0 {
+                repeated.push(row.location());
+            }
+        }
+        motions.push(odometry);
+    }
+    let moving = motions.iter().filter(|row| row.path() > 0.0).count();
+    // Coarse stamps repeat some rows of a steady drive.
+    if let Some(first) = repeated.first()
+        && 3 * repeated.len() > moving
+    {
+        bail!(
+            "{first}: the row before again, stamp and all, like {} of the {moving} rows with motion: each row counts as another motion",
+            repeated.len()
+        );
+    }
+    let samples = motions.into_iter().map(|odometry| RecordedSample {
+        stamp: odometry.stamp,
+        data: RecordedData::Odometry(odometry),
+    });
+    Ok(samples.collect())
 }
 
 /// Magnetic fields of magnetometer.csv by stamp. They belong to the headings of compass.csv with equal stamps.
