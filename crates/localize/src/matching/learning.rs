@@ -2,11 +2,11 @@
 //! (docs/methods.md 5.8, 5.9).
 
 use super::distance_field::DistanceField;
+use super::normal_equations::{LANES, LaneRows};
 use super::point_spread::Residual;
 use super::repeated_errors::Remainder;
 use super::{Match, Matcher, PARAMETERS, Vector5};
 use crate::frames::Pose;
-use crate::{math, tilt};
 
 impl Matcher {
     /// Learns the spread of the points and how their errors repeat from the residuals of the last match, `matched`, an
@@ -29,38 +29,38 @@ impl Matcher {
             let undetermined = (cholesky.inverse() * unknown).trace();
             (-cholesky.solve(&gradient), PARAMETERS as f32 - undetermined)
         });
-        let (sin, cos) = math::sin_cos(theta);
-        let height = self.config.viewpoint_height;
-        let inverse_height = 1.0 / height;
+        let pass = self.pass(&state, 1.0);
         self.residuals.clear();
         self.remainders.clear();
-        for point in &self.points {
-            let [px, py] = tilt::ground_from_map([point.x, point.y], matched.tilt, height);
-            let (rx, ry) = (cos * px - sin * py, sin * px + cos * py);
-            let near = distances.nearest(x + rx, y + ry);
-            let [nx, ny] = near.normal;
-            let radial = nx * rx + ny * ry;
-            let variance =
-                point.tangential_variance + point.radial_excess_variance * radial * radial;
-            let along = radial * inverse_height;
-            let explained = nx * free[0]
-                + ny * free[1]
-                + (ny * rx - nx * ry) * free[2]
-                + along * (px * free[3] + py * free[4]);
-            let remaining = near.signed_distance + explained;
-            self.residuals.push(Residual {
-                distance: remaining,
+        for group in &self.lanes {
+            let LaneRows {
+                rows,
+                distance,
                 variance,
-                range: (rx * rx + ry * ry).sqrt(),
-            });
-            self.remainders.push(Remainder {
-                at: [
-                    x + rx - near.signed_distance * nx,
-                    y + ry - near.signed_distance * ny,
-                ],
-                sigmas: remaining / variance.sqrt(),
-                normal: near.normal,
-            });
+                offset: [rx, ry],
+            } = LaneRows::of(group, &pass, distances);
+            let [mut remaining, mut sigmas, mut range] = [[0.0; LANES]; 3];
+            let mut at = [[0.0; LANES]; 2];
+            for k in 0..LANES {
+                let explained: f32 = (0..PARAMETERS).map(|i| rows[i][k] * free[i]).sum();
+                remaining[k] = distance[k] + explained;
+                sigmas[k] = remaining[k] / variance[k].sqrt();
+                range[k] = (rx[k] * rx[k] + ry[k] * ry[k]).sqrt();
+                at[0][k] = x + rx[k] - distance[k] * rows[0][k];
+                at[1][k] = y + ry[k] - distance[k] * rows[1][k];
+            }
+            for k in (0..LANES).filter(|&k| group.weight[k] > 0.0) {
+                self.residuals.push(Residual {
+                    distance: remaining[k],
+                    variance: variance[k],
+                    range: range[k],
+                });
+                self.remainders.push(Remainder {
+                    at: at.map(|axis| axis[k]),
+                    sigmas: sigmas[k],
+                    normal: [rows[0][k], rows[1][k]],
+                });
+            }
         }
         self.repeated
             .update(self.remainders.iter().copied(), matched.pose);

@@ -93,10 +93,11 @@ impl Matcher {
     /// The prior's part of the normal equations: matrix and gradient.
     fn prior_terms(&self, state: &Vector5) -> (Matrix5, Vector5) {
         let difference = self.prior_difference(state);
-        let jacobian = difference.jacobian_with_tilt();
-        let weighted = jacobian.transpose() * self.prior.information * self.repetition;
         let deviation = difference.with_tilt([state[3], state[4]]);
-        (weighted * jacobian, weighted * deviation)
+        (
+            difference.information(&self.prior.information) * self.repetition,
+            difference.gradient(self.prior.information * deviation) * self.repetition,
+        )
     }
 
     /// The Gauss-Newton step with the prior; zero if the normal equations are singular.

@@ -33,9 +33,9 @@ pub(super) struct NormalEquations {
 }
 
 /// Points that are computed side by side: a vector register of 256 bits.
-const LANES: usize = 8;
+pub(super) const LANES: usize = 8;
 /// One value of each of these points.
-type Lanes = [f32; LANES];
+pub(super) type Lanes = [f32; LANES];
 
 /// [`PreparedPoint`]s side by side.
 #[derive(Debug, Clone, Copy)]
@@ -45,7 +45,7 @@ pub(super) struct PreparedLanes {
     tangential_variance: Lanes,
     radial_excess_variance: Lanes,
     /// 1 for a point, 0 for padding.
-    weight: Lanes,
+    pub(super) weight: Lanes,
 }
 
 impl PreparedLanes {
@@ -131,12 +131,14 @@ impl Pass {
             let LaneRows {
                 rows,
                 distance,
-                information,
+                variance,
+                ..
             } = LaneRows::of(group, self, distances);
             for k in 0..LANES {
-                let squared = distance[k] * distance[k] * information[k];
+                let information = 1.0 / variance[k];
+                let squared = distance[k] * distance[k] * information;
                 let kept = self.kernel_squared / (self.kernel_squared + squared);
-                let factor = f64::from(group.weight[k] * kept * kept * information[k]);
+                let factor = f64::from(group.weight[k] * kept * kept * information);
                 let row = SVector::<f64, PARAMETERS>::from_fn(|i, _| rows[i][k].into());
                 normal += row * row.transpose() * factor;
             }
@@ -146,17 +148,19 @@ impl Pass {
 }
 
 /// Distances of a group of points to the nearest markings with their derivatives by the state.
-struct LaneRows {
-    rows: [Lanes; PARAMETERS],
-    distance: Lanes,
-    /// Inverse variance of the distance.
-    information: Lanes,
+pub(super) struct LaneRows {
+    pub(super) rows: [Lanes; PARAMETERS],
+    pub(super) distance: Lanes,
+    /// Variance of the distance.
+    pub(super) variance: Lanes,
+    /// From the robot, metres, field frame.
+    pub(super) offset: [Lanes; 2],
 }
 
 impl LaneRows {
     /// Each loop over `k` is a vector instruction or a few.
     #[inline(always)]
-    fn of(points: &PreparedLanes, pass: &Pass, distances: &DistanceField) -> Self {
+    pub(super) fn of(points: &PreparedLanes, pass: &Pass, distances: &DistanceField) -> Self {
         let [mut x, mut y, mut rx, mut ry] = [[0.0; LANES]; 4];
         let [mut field_x, mut field_y] = [[0.0; LANES]; 2];
         for k in 0..LANES {
@@ -170,10 +174,10 @@ impl LaneRows {
         let [distance, nx, ny] = distances.nearest_lanes(&field_x, &field_y);
         let inverse_height = 1.0 / pass.height;
         let mut rows = [[0.0; LANES]; PARAMETERS];
-        let mut information = [0.0; LANES];
+        let mut variance = [0.0; LANES];
         for k in 0..LANES {
             let radial = nx[k] * rx[k] + ny[k] * ry[k];
-            let variance =
+            variance[k] =
                 points.tangential_variance[k] + points.radial_excess_variance[k] * radial * radial;
             // By the tilt: docs/methods.md 3.5.
             let along = radial * inverse_height;
@@ -182,12 +186,12 @@ impl LaneRows {
             rows[2][k] = ny[k] * rx[k] - nx[k] * ry[k];
             rows[3][k] = x[k] * along;
             rows[4][k] = y[k] * along;
-            information[k] = 1.0 / variance;
         }
         LaneRows {
             rows,
             distance,
-            information,
+            variance,
+            offset: [rx, ry],
         }
     }
 }
@@ -199,16 +203,18 @@ impl LaneSums {
         let LaneRows {
             rows,
             distance,
-            information,
+            variance,
+            ..
         } = LaneRows::of(points, pass, distances);
         let mut factor = [0.0; LANES];
         for k in 0..LANES {
-            let squared = distance[k] * distance[k] * information[k];
+            let information = 1.0 / variance[k];
+            let squared = distance[k] * distance[k] * information;
             // e(t) with t in standard deviations: 1 − e = k²/(k² + t²).
             let kept = pass.kernel_squared / (pass.kernel_squared + squared);
             let weight = points.weight[k];
             let root_weight = weight * kept * kept;
-            factor[k] = root_weight * information[k];
+            factor[k] = root_weight * information;
             self.weight[k] += root_weight;
             self.psi_squared[k] += root_weight * root_weight * squared;
             self.psi_slope[k] += root_weight * (4.0 * kept - 3.0);

@@ -26,18 +26,18 @@ impl RigidDifference {
     /// Of `pose` from `predicted`.
     pub fn between(predicted: Pose, pose: Pose) -> Self {
         let turn = wrap_angle(pose.theta - predicted.theta);
-        let (sin, cos) = math::sin_cos(turn);
+        let half = 0.5 * turn;
+        let (sin_half, cos_half) = math::sin_cos(half);
+        let (sin, cos) = (2.0 * sin_half * cos_half, 1.0 - 2.0 * sin_half * sin_half);
         let (x, y) = (predicted.x, predicted.y);
         let turned = [cos * x - sin * y, sin * x + cos * y];
         let (dx, dy) = (pose.x - turned[0], pose.y - turned[1]);
         // With the turn t about a point, the pose moves by V(t) times its velocity, V⁻¹ = a I − t/2 J, a = t/2 cot(t/2).
-        let half = 0.5 * turn;
         let (a, slope) = if turn.abs() < SERIES_BELOW {
             (1.0 - turn * turn / 12.0, -turn / 6.0)
         } else {
-            let (sin, cos) = math::sin_cos(half);
-            let cot = cos / sin;
-            (half * cot, 0.5 * (cot - half / (sin * sin)))
+            let cot = cos_half / sin_half;
+            (half * cot, 0.5 * (cot - half / (sin_half * sin_half)))
         };
         let deviation = Vector3::new(
             a * dx + half * dy - turn * y,
@@ -91,8 +91,25 @@ impl RigidDifference {
 
     /// Information on pose and tilt, of that on the difference.
     pub(crate) fn information(&self, of_difference: &Matrix5) -> Matrix5 {
-        let jacobian = self.jacobian_with_tilt();
-        symmetric(jacobian.transpose() * of_difference * jacobian)
+        // The tilt's derivatives are those of a unit matrix.
+        let transposed = self.jacobian.transpose();
+        let pose = transposed * of_difference.fixed_view::<3, 3>(0, 0) * self.jacobian;
+        let cross = transposed * of_difference.fixed_view::<3, 2>(0, 3);
+        let mut information = *of_difference;
+        let mut block = information.fixed_view_mut::<3, 3>(0, 0);
+        block.copy_from(&symmetric(pose));
+        let mut block = information.fixed_view_mut::<3, 2>(0, 3);
+        block.copy_from(&cross);
+        let mut block = information.fixed_view_mut::<2, 3>(3, 0);
+        block.copy_from(&cross.transpose());
+        information
+    }
+
+    /// The gradient by pose and tilt, of that by the difference.
+    pub(super) fn gradient(&self, mut by_difference: Vector5) -> Vector5 {
+        let by_pose = self.jacobian.transpose() * by_difference.fixed_rows::<3>(0);
+        by_difference.fixed_rows_mut::<3>(0).copy_from(&by_pose);
+        by_difference
     }
 }
 
