@@ -268,6 +268,27 @@ def test_a_mask_of_another_shape_is_refused(things: dict[str, Any]) -> None:
         vision.Vision(map=things["map"], camera=camera, mask=turned)
 
 
+def test_a_mask_that_hides_all_ground_is_named(things: dict[str, Any]) -> None:
+    camera = workshop.fit_camera(workshop.lima2001(), size_px=120)
+    with pytest.raises(ValueError, match="the mask hides all ground"):
+        vision.Vision(map=things["map"], camera=camera, mask=np.zeros((120, 120), dtype=bool))
+
+
+@pytest.mark.parametrize(
+    "mount",
+    [{"lean_deg": (180.0, 0.0)}, {"mirror_tilt_deg": (0.0, -90.0)}, {"mirror_offset_m": (10.0, 0.0)}, {"mirror_raise_m": -5.0}],
+)
+def test_a_mount_whose_mirror_is_out_of_sight_is_refused(mount: dict[str, Any]) -> None:
+    (name,) = mount
+    with pytest.raises(ValueError, match=f"invalid {name}: "):
+        mirrorball.Mount(**mount)
+
+
+def test_a_mirror_has_no_height_at_a_negative_radius() -> None:
+    with pytest.raises(ValueError, match=r"invalid radius_m: -1.* \(expected at least 0\)"):
+        workshop.lima2001().profile().height_and_slope([0.01, -1.0])
+
+
 def test_largest_numbers_that_are_accepted_do_no_harm(things: dict[str, Any]) -> None:
     simulation = mirrorball.Simulation(DEMO, seed=1, images=False)
     simulation.kidnap((1000.0, -1000.0, 1000.0))

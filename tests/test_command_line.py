@@ -58,6 +58,8 @@ def test_script_imports_embedded_package_with_argv_and_venv(tmp_path: Path) -> N
         # The lines of what the executable carries are shown too.
         ("from mirrorball.mirror import design\ndesign([], pinhole_height_m=1, apex_above_pinhole_m=1)\n", 1, "if not parts"),
         ("import atexit; atexit.register(lambda: print('bye', flush=False))\n", 0, ""),
+        ("import threading, time\nthreading.Thread(target=lambda: (time.sleep(0.3), print('bye'))).start()\n", 0, ""),
+        ("from concurrent.futures import ThreadPoolExecutor\nThreadPoolExecutor(1).submit(print, 'bye')\n", 0, ""),
     ],
 )
 def test_script_exit_status_becomes_command_exit_status(text: str, code: int, words: str, tmp_path: Path) -> None:
@@ -67,6 +69,14 @@ def test_script_exit_status_becomes_command_exit_status(text: str, code: int, wo
     assert (done.returncode, words in done.stderr) == (code, True), done.stderr
     if "bye" in text:
         assert done.stdout == "bye\n"
+
+
+def test_modules_beside_a_script_are_found_after_it_left_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "sibling.py").write_text("word = 'here'\n")
+    script = written(tmp_path, "import os\nos.chdir('/')\nimport sibling\nprint(sibling.word)\n")
+    done = subprocess.run([PROGRAM, "script", script.name], cwd=tmp_path, capture_output=True, text=True, check=True,
+                          env={**os.environ, "VIRTUAL_ENV": sys.prefix})  # fmt: skip
+    assert done.stdout == "here\n"
 
 
 def test_sigint_ends_script_without_traceback(tmp_path: Path) -> None:

@@ -238,15 +238,19 @@ impl Mount {
         mirror_offset_m: Option<&Bound<'_, PyAny>>,
         mirror_raise_m: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let pair = |name: &str, value: Option<&Bound<'_, PyAny>>| {
-            value.map_or(Ok([0.0; 2]), |value| arguments::vector(name, value))
+        let pair = |name: &str, value: Option<&Bound<'_, PyAny>>, largest: f64| {
+            value.map_or(Ok([0.0; 2]), |value| {
+                arguments::vector_within(name, value, largest)
+            })
         };
+        let (tilt_max, offset_max) = (vision::Mount::TILT_MAX_DEG, vision::Mount::OFFSET_MAX);
         Ok(Mount(vision::Mount {
-            lean_deg: pair("lean_deg", lean_deg)?,
-            mirror_tilt_deg: pair("mirror_tilt_deg", mirror_tilt_deg)?,
-            mirror_offset: pair("mirror_offset_m", mirror_offset_m)?,
-            mirror_raise: mirror_raise_m
-                .map_or(Ok(0.0), |value| arguments::number("mirror_raise_m", value))?,
+            lean_deg: pair("lean_deg", lean_deg, tilt_max)?,
+            mirror_tilt_deg: pair("mirror_tilt_deg", mirror_tilt_deg, tilt_max)?,
+            mirror_offset: pair("mirror_offset_m", mirror_offset_m, offset_max)?,
+            mirror_raise: mirror_raise_m.map_or(Ok(0.0), |value| {
+                arguments::number_within("mirror_raise_m", value, -offset_max..=offset_max)
+            })?,
         }))
     }
 

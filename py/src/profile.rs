@@ -63,13 +63,19 @@ impl Profile {
         heights.into_pyarray(py)
     }
 
-    /// Height above the ground (metres) and slope at each radius (metres).
+    /// Height above the ground (metres) and slope at each radius (metres, at least 0). Beyond the samples the mirror goes on
+    /// straight, for a ray that meets it just beyond its edge.
     fn height_and_slope<'py>(
         &self,
         py: Python<'py>,
         radius_m: &Bound<'py, PyAny>,
     ) -> PyResult<Pair<'py>> {
-        let (heights, slopes): (Vec<f64>, Vec<f64>) = finite_column("radius_m", radius_m)?
+        let radii = finite_column("radius_m", radius_m)?;
+        if let Some(radius) = radii.iter().find(|radius| **radius < 0.0) {
+            let message = format!("invalid radius_m: {radius} (expected at least 0)");
+            return Err(PyValueError::new_err(message));
+        }
+        let (heights, slopes): (Vec<f64>, Vec<f64>) = radii
             .into_iter()
             .map(|radius| self.0.height_and_slope(radius))
             .unzip();

@@ -91,10 +91,12 @@ pub(crate) fn check() -> Result<String> {
     version.context("cannot read Python's version")
 }
 
-/// Runs the `atexit` functions and flushes the streams, as the interpreter does at its end.
+/// Waits for threads, runs the `atexit` functions and flushes the streams, as the interpreter does at its end.
 pub(crate) fn finish() {
     Python::attach(|py| {
         let flush = || -> PyResult<()> {
+            // Threads that are no daemons, and the tasks of executors.
+            py.import("threading")?.call_method0("_shutdown")?;
             py.import("atexit")?.call_method0("_run_exitfuncs")?;
             for stream in ["stdout", "stderr"] {
                 py.import("sys")?.getattr(stream)?.call_method0("flush")?;

@@ -43,6 +43,11 @@ pub enum VisionError {
         /// Where scan lines begin, metres.
         range_min: f32,
     },
+    /// The mask leaves no ground.
+    #[error(
+        "the mask hides all ground: it is false on the robot's own body and rods, true elsewhere"
+    )]
+    MaskHidesGround,
     /// The map shows ground, but no scan line can follow it outward.
     #[error(
         "no scan line fits the ground map: its ground does not lie farther outward with the pixels, from {nearest:.3} m on. A wavy mirror \

@@ -11,7 +11,7 @@ use crate::python;
 /// Run a Python file; `import mirrorball` gives this program's optics, renderer and mirror design.
 ///
 /// The interpreter is that of --python, else of $VIRTUAL_ENV, else the build's. Ends with the exit code of the file, as
-/// Python does: `sys.exit(3)` with 3, an exception with 1.
+/// Python does: `sys.exit(3)` with 3, an exception with 1. SIGINT and SIGTERM raise KeyboardInterrupt; uncaught, it ends with 1.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball script py/examples/lima2001.py --out out/lima2001.png")]
 pub(crate) struct Args {
@@ -51,8 +51,9 @@ fn execute(py: Python<'_>, args: &Args) -> PyResult<()> {
     let mut argv = vec![args.file.display().to_string()];
     argv.extend(args.arguments.iter().cloned());
     sys.setattr("argv", argv)?;
-    // Modules in the script's folder can be imported, as usual in Python.
-    if let Some(folder) = args.file.parent() {
+    // Modules in the script's folder can be imported, as usual in Python, even if the script changes the working folder.
+    let file = args.file.canonicalize();
+    if let Some(folder) = file.as_deref().unwrap_or(&args.file).parent() {
         sys.getattr("path")?
             .call_method1("insert", (0, folder.display().to_string()))?;
     }

@@ -19,9 +19,6 @@ const TURN_RATE_MAX: f64 = 3600.0;
 const HEIGHT_MAX: f64 = 100.0;
 /// Longest time, seconds: eleven days.
 const TIME_MAX: f64 = 1e6;
-/// Largest tilt of camera and mirror, degrees, and offset, metres. Beyond, the mirror is no longer in the image.
-const TILT_MAX: f64 = 20.0;
-const OFFSET_MAX: f64 = 0.2;
 /// Most entries of a list of events, waypoints or wheels.
 const ENTRIES_MAX: usize = 10_000;
 
@@ -98,13 +95,21 @@ impl Bounds {
 
     fn add_mount(&mut self, key: &str, mount: &Mount) {
         let key = |name: &str| format!("{key}.{name}");
-        self.add_pair(&key("lean_deg"), mount.lean_deg, TILT_MAX);
-        self.add_pair(&key("mirror_tilt_deg"), mount.mirror_tilt_deg, TILT_MAX);
-        self.add_pair(&key("mirror_offset"), mount.mirror_offset, OFFSET_MAX);
+        self.add_pair(&key("lean_deg"), mount.lean_deg, Mount::TILT_MAX_DEG);
+        self.add_pair(
+            &key("mirror_tilt_deg"),
+            mount.mirror_tilt_deg,
+            Mount::TILT_MAX_DEG,
+        );
+        self.add_pair(
+            &key("mirror_offset"),
+            mount.mirror_offset,
+            Mount::OFFSET_MAX,
+        );
         self.add(
             &key("mirror_raise"),
             mount.mirror_raise,
-            -OFFSET_MAX..=OFFSET_MAX,
+            -Mount::OFFSET_MAX..=Mount::OFFSET_MAX,
         );
     }
 

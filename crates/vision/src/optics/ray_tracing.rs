@@ -26,6 +26,13 @@ pub struct Mount {
     pub mirror_raise: f64,
 }
 
+impl Mount {
+    /// Largest tilt of rig or mirror, degrees. Beyond, the mirror is no longer in the image.
+    pub const TILT_MAX_DEG: f64 = 20.0;
+    /// Largest offset of the mirror along an axis, metres.
+    pub const OFFSET_MAX: f64 = 0.2;
+}
+
 /// A pixel's ray after reflection, robot frame (z up from the ground).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {

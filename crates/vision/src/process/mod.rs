@@ -124,6 +124,11 @@ impl Vision {
             .check("line_width", f64::from(line_width))?;
         let pattern = ScanPattern::new(map, camera, mask, line_width, &config.scan);
         if pattern.samples.is_empty() {
+            let shows_ground =
+                |mask: &[bool]| (0..mask.len()).any(|at| mask[at] && map.x[at].is_finite());
+            if mask.is_some_and(|mask| !shows_ground(mask)) {
+                return Err(VisionError::MaskHidesGround);
+            }
             if let Some(rim) = camera.outer_radius_px {
                 let farthest = map.farthest_ground_within(camera.centre_px, rim);
                 if farthest < config.scan.range_min {
