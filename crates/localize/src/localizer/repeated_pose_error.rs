@@ -6,7 +6,7 @@
 use nalgebra::Matrix3;
 
 use crate::frames::Pose;
-use crate::matching::{PosePrior, Repetition, RigidDifference};
+use crate::matching::{PosePrior, Repetition, RigidDifference, positive_inverse};
 
 /// An image determines a direction of which it removes a larger share of the variance.
 const DETERMINED_MIN: f64 = 1e-3;
@@ -40,10 +40,10 @@ impl RepeatedPoseError {
             self.carry(last, prior.pose);
         }
         // Of the pose alone: a tilt that is estimated with it is a part of what is unknown.
-        let predicted = prior.information.map(f64::from).try_inverse();
+        let predicted = positive_inverse(&prior.information.map(f64::from));
         let predicted = predicted.map(|full| full.fixed_view::<3, 3>(0, 0).into_owned());
         let root = predicted
-            .and_then(|predicted| ((predicted + predicted.transpose()) * 0.5).cholesky())
+            .and_then(|predicted| predicted.cholesky())
             .map(|cholesky| cholesky.l());
         let Some((root, whitening)) = root.and_then(|root| Some((root, root.try_inverse()?)))
         else {
@@ -54,12 +54,9 @@ impl RepeatedPoseError {
         // more or less than that of a long covariance.
         let difference = RigidDifference::between(prior.pose, pose);
         let kept = whiten(&difference.pose_covariance(covariance).map(f64::from));
-        let axes = ((kept + kept.transpose()) * 0.5).symmetric_eigen();
-        let along_axes = |value: fn(f64) -> f64| {
-            let values = axes.eigenvalues.map(|kept| value(kept.clamp(0.0, 1.0)));
-            axes.eigenvectors * Matrix3::from_diagonal(&values) * axes.eigenvectors.transpose()
-        };
-        let (kept, gain) = (along_axes(|kept| kept), along_axes(|kept| 1.0 - kept));
+        let unit = Matrix3::identity();
+        let kept = unit - positive_part(unit - positive_part(kept));
+        let gain = unit - kept;
         let (error, with_image) = (whiten(&self.covariance), whiten(&self.with_image));
         let repeated = f64::from(repeated_factor);
         // With the points' information N and covariance C afterwards, gain = C N, and what repeats of the error by the points alone is
@@ -68,16 +65,12 @@ impl RepeatedPoseError {
         let carried = kept * with_image * gain;
         let sum = kept * error * kept + own + carried + carried.transpose();
         // Images that determine other directions than those before may leave less than nothing of it.
-        let mut parts = ((sum + sum.transpose()) * 0.5).symmetric_eigen();
-        parts
-            .eigenvalues
-            .apply(|variance| *variance = variance.max(0.0));
-        let determined = along_axes(|kept| {
-            let gain = 1.0 - kept;
-            kept * gain / (gain + DETERMINED_MIN * kept).max(f64::MIN_POSITIVE)
-        });
+        let sum = positive_part(sum);
+        // Along each axis k g / (g + least k), k the share that is kept and g the gain.
+        let determined = positive_inverse(&(gain + kept * DETERMINED_MIN))
+            .map_or_else(Matrix3::zeros, |inverse| kept * gain * inverse);
         let with_image = kept * with_image + determined * repeated;
-        self.covariance = root * parts.recompose() * root.transpose();
+        self.covariance = root * sum * root.transpose();
         self.with_image = root * with_image * root.transpose();
     }
 
@@ -89,6 +82,17 @@ impl RepeatedPoseError {
         self.covariance = motion * self.covariance * motion.transpose();
         self.with_image = motion * self.with_image * f64::from(Repetition::correlation(from, to));
     }
+}
+
+/// Without the negative eigenvalues of a symmetric matrix, which rounding leaves.
+fn positive_part(matrix: Matrix3<f64>) -> Matrix3<f64> {
+    let matrix = (matrix + matrix.transpose()) * 0.5;
+    if positive_inverse(&matrix).is_some() {
+        return matrix;
+    }
+    let mut parts = matrix.symmetric_eigen();
+    parts.eigenvalues.apply(|value| *value = value.max(0.0));
+    parts.recompose()
 }
 
 #[cfg(test)]

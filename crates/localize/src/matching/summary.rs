@@ -4,7 +4,7 @@ use nalgebra::SMatrix;
 
 use super::distance_field::DistanceField;
 use super::normal_equations::NormalEquations;
-use super::{Match, Matcher, Matrix5, PARAMETERS, Vector5};
+use super::{Match, Matcher, Matrix5, PARAMETERS, Vector5, positive_inverse};
 use crate::frames::Pose;
 
 type Matrix5d = SMatrix<f64, PARAMETERS, PARAMETERS>;
@@ -87,7 +87,7 @@ fn well_determined_inverse(information: &Matrix5) -> Option<Matrix5> {
 /// Inverse of a covariance of (x, y, θ, a, b). A heading that is not known makes it a million times longer than wide, and an inverse in
 /// 32 bits would be no covariance's.
 pub(crate) fn information_of(covariance: &Matrix5) -> Option<Matrix5> {
-    let inverse = covariance.map(f64::from).cholesky()?.inverse();
+    let inverse = positive_inverse(&covariance.map(f64::from))?;
     Some(inverse.map(|value| value as f32))
 }
 
@@ -99,7 +99,8 @@ fn inverse_of(information: &Matrix5d, least: &Matrix5d) -> Matrix5 {
     let mut parts = (unscaling * information * unscaling).symmetric_eigen();
     parts.eigenvalues.apply(|value| *value = value.max(0.0));
     let sum = scaling * parts.recompose() * scaling + least;
-    let inverse = sum.cholesky().map(|cholesky| cholesky.inverse());
     let unknown = || Matrix5d::from_diagonal(&least.diagonal().map(|value| 1.0 / value));
-    inverse.unwrap_or_else(unknown).map(|value| value as f32)
+    positive_inverse(&sum)
+        .unwrap_or_else(unknown)
+        .map(|value| value as f32)
 }
