@@ -212,6 +212,21 @@ def test_sweep_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert cells["found"]["path.speed"].tolist() == [1.0, 3.0]
 
 
+@pytest.mark.parametrize(("name", "value", "least"), [("workers", 0, 1), ("workers", -1, 1), ("retries", -1, 0)])
+def test_counts_of_a_sweep_are_refused_by_name(name: str, value: int, least: int, tmp_path: Path) -> None:
+    options: dict[str, Any] = {name: value}
+    with pytest.raises(ValueError, match=rf"invalid {name}: {value} \(expected at least {least}\)"):
+        sweep([1], folder=tmp_path, function=sweep_tasks.bare, progress=False, **options)
+
+
+@pytest.mark.parametrize("name", ["change", "config"])
+@pytest.mark.parametrize("single", [2.0, "ab", np.float64(2.0), np.array(2.0), {"a": 1}])
+def test_single_value_in_place_of_a_list_is_refused_by_name(name: str, single: Any) -> None:
+    options: dict[str, Any] = {name: {"path.speed": single}}
+    with pytest.raises(TypeError, match=rf"invalid {name}\['path.speed'\]: .*\(expected a list of values\)"):
+        grid(SCENARIO, **options)
+
+
 def test_negative_seed_is_rejected_before_any_run() -> None:
     with pytest.raises(ValueError, match=r"invalid seeds: -1 \(expected whole numbers, at least 0\)"):
         grid(SCENARIO, seeds=[1, -1])

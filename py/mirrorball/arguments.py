@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar, Union
 
 import numpy as np
 
-__all__ = ["checked", "invalid", "plain", "require_columns"]
+__all__ = ["checked", "invalid", "plain", "require_at_least", "require_columns"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -74,10 +74,10 @@ def plain(value: Any) -> Any:
     return value
 
 
-def require_count(name: str, value: int) -> None:
-    """Raises ValueError for less than one."""
-    if value < 1:
-        raise ValueError(invalid(name, value, "at least 1"))
+def require_at_least(name: str, value: float, least: float) -> None:
+    """Raises ValueError for less."""
+    if value < least:
+        raise ValueError(invalid(name, value, f"at least {least}"))
 
 
 def require_columns(name: str, table: Any, columns: Iterable[str]) -> None:

@@ -25,12 +25,14 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 from tqdm import tqdm
 
-from mirrorball.arguments import checked, invalid
+from mirrorball.arguments import checked, invalid, require_at_least
 from mirrorball.simulation import FOLDER_PREFIX, Run, bundle_run, simulate
 
 __all__ = ["grid", "sweep"]
@@ -42,6 +44,7 @@ def __dir__() -> list[str]:
 
 Task = Any
 Result = Mapping[str, Any]
+Values = Sequence[Any] | NDArray[Any]
 
 TEMPORARY_FOLDER = re.compile(rf"[^\s'\"]*{re.escape(FOLDER_PREFIX)}[^\s/'\"]+/")
 """Where the files of a run lie while it is made."""
@@ -56,13 +59,15 @@ def grid(
     *,
     seeds: Iterable[int] = (1,),
     presets: Sequence[str] = ("default",),
-    change: Mapping[str, Sequence[Any]] | None = None,
-    config: Mapping[str, Sequence[Any]] | None = None,
+    change: Mapping[str, Values] | None = None,
+    config: Mapping[str, Values] | None = None,
     duration_s: float | None = None,
 ) -> list[Run]:
     """Every combination of scenarios, presets, changed values and seeds, each run with the files it needs.
 
-    ValueError for a seed that is negative or no whole number.
+    `change` and `config` have a list or an array of values for each dotted key.
+
+    ValueError for a seed that is negative or no whole number, TypeError for a single value in place of a list.
     """
     seeds = list(seeds)
     for seed in seeds:
@@ -70,14 +75,17 @@ def grid(
             raise ValueError(invalid("seeds", seed, "whole numbers, at least 0"))
     scenarios = [scenario] if isinstance(scenario, str | Path) else scenario
     bases = [bundle_run(path, duration_s=duration_s) for path in scenarios]
-    changes, configs = _combinations(change or {}), _combinations(config or {})
+    changes, configs = _combinations("change", change or {}), _combinations("config", config or {})
     return [
         replace(base, preset=preset, change=changed, config=configured, seed=seed)
         for base, preset, changed, configured, seed in itertools.product(bases, presets, changes, configs, seeds)
     ]
 
 
-def _combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+def _combinations(name: str, values: Mapping[str, Values]) -> list[dict[str, Any]]:
+    for key, several in values.items():
+        if not isinstance(several, Sequence | np.ndarray) or isinstance(several, str | bytes) or np.ndim(several) == 0:
+            raise TypeError(invalid(f"{name}[{key!r}]", several, "a list of values"))
     return [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
 
 
@@ -141,6 +149,9 @@ def sweep(
 
     Functions other than the default must be importable by the workers (defined in a module).
     """
+    if workers is not None:
+        require_at_least("workers", workers, 1)
+    require_at_least("retries", retries, 0)
     tasks = list(tasks)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

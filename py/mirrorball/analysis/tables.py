@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mirrorball.analysis.units import with_unit
-from mirrorball.arguments import checked, require_count
+from mirrorball.arguments import checked, require_at_least
 from mirrorball.log import Log
 
 CYCLE_ELEMENTS = {
@@ -142,7 +142,7 @@ def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
     The entropy is nubot2013 eq. 5: −Σ P·ln P over 256 levels, summed over red, green and blue. The black surround of a
     mirror counts like everything else, so that values compare within one camera only.
     """
-    require_count("every", every)
+    require_at_least("every", every, 1)
     rows = []
     for index, (stamp, image) in enumerate(as_log(log).images()):
         if index % every:
@@ -160,7 +160,7 @@ def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
 @checked
 def stream(log: Log | str | Path, topic: str, *, rows: int = 10_000) -> Iterator[pd.DataFrame]:
     """A topic's table in pieces of about `rows` rows, for topics that do not fit into memory."""
-    require_count("rows", rows)
+    require_at_least("rows", rows, 1)
     log = as_log(log)
     borders = _piece_borders(log.log_times_ns(topic), rows)
     for start, stop in zip([None, *borders], [*borders, None], strict=True):

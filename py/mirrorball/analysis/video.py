@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball.analysis.tables import as_log
-from mirrorball.arguments import require_count
+from mirrorball.arguments import require_at_least
 from mirrorball.log import Log
 
 Image = NDArray[np.uint8]
@@ -27,8 +27,8 @@ def overlays(
 
     Annotations mark the detections, and the field lines as seen from the estimated pose.
     """
-    require_count("every", every)
-    require_count("scale", scale)
+    require_at_least("every", every, 1)
+    require_at_least("scale", scale, 1)
     image, number = None, 0
     for entry in as_log(log).messages("/camera/image", "/camera/annotations", start_s=start_s, stop_s=stop_s):
         if entry.topic == "/camera/image":
