@@ -1,5 +1,6 @@
 """Tasks that a sweep's processes can import."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,23 @@ def fragile(task: dict[str, Any]) -> dict[str, float]:
 def hopeless(task: dict[str, Any]) -> dict[str, float]:
     """Refuses its task."""
     raise ValueError(f"no mirror for {task['value']}")
+
+
+def deadly(task: dict[str, Any]) -> dict[str, float]:
+    """Ends its process for negative numbers, as a lack of memory would."""
+    row = square(task)
+    if task["value"] < 0.0:
+        os._exit(3)
+    return row
+
+
+def deadly_once(task: dict[str, Any]) -> dict[str, float]:
+    """Ends its process at the first call."""
+    marker = Path(task["trace"])
+    if not marker.exists():
+        marker.write_text("once\n")
+        os._exit(3)
+    return {"value": 1.0}
 
 
 def bare(task: Any) -> Any:

@@ -44,8 +44,37 @@ def test_failed_task_is_retried_and_value_error_recorded(tmp_path: Path) -> None
     found = sweep([task], folder=tmp_path / "b", function=sweep_tasks.hopeless, workers=1, progress=False)
     assert found["error"].tolist() == ["ValueError: no mirror for 0.0"]
     # A failure is not a result: the next sweep tries it anew.
-    again = sweep([task], folder=tmp_path / "b", function=sweep_tasks.square, workers=1, progress=False)
-    assert again["error"].isna().all()
+    fragile = partial(
+        sweep, [{"value": 0.0, "trace": str(tmp_path / "later")}], folder=tmp_path / "c", retries=0, progress=False
+    )
+    assert fragile(function=sweep_tasks.fragile)["error"].tolist() == ["OSError: the disk hiccuped"]
+    assert fragile(function=sweep_tasks.fragile)["error"].isna().all()
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_task_whose_process_dies_is_a_row_and_the_others_run(workers: int, tmp_path: Path) -> None:
+    trace = tmp_path / "trace"
+    tasks = [{"value": value, "trace": str(trace)} for value in (1.0, -2.0, 3.0, 4.0, 5.0, 6.0)]
+    found = sweep(tasks, folder=tmp_path, function=sweep_tasks.deadly, workers=workers, retries=1, progress=False)
+    assert found["square"].drop(1).tolist() == [1.0, 9.0, 16.0, 25.0, 36.0]
+    assert found["error"].drop(1).isna().all() and found["error"][1].startswith("BrokenProcessPool")
+    # Beside other running tasks, the first death is not known to be its own.
+    assert trace.read_text().split().count("-2.0") in ((2,) if workers == 1 else (2, 3))
+
+
+def test_task_whose_process_dies_once_is_repeated(tmp_path: Path) -> None:
+    task = {"value": 0.0, "trace": str(tmp_path / "once")}
+    found = sweep([task], folder=tmp_path, function=sweep_tasks.deadly_once, retries=1, progress=False)
+    assert found["error"].isna().all() and found["value"].tolist() == [1.0]
+
+
+def test_result_that_is_no_row_is_an_error(tmp_path: Path) -> None:
+    found = sweep([5, {(1, 2): 3.0}, {"a": 1}], folder=tmp_path, function=sweep_tasks.bare, workers=1, progress=False)
+    assert (
+        found["error"][0]
+        == "TypeError: invalid result of the function: 5 (expected a mapping of texts to numbers, texts and lists)"
+    )
+    assert "(1, 2)" in found["error"][1] and found["a"][2] == 1
 
 
 def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:

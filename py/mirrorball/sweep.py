@@ -17,7 +17,7 @@ import pickle
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from numbers import Integral
@@ -34,6 +34,7 @@ from tqdm import tqdm
 
 from mirrorball.arguments import checked, invalid, require_at_least
 from mirrorball.simulation import FOLDER_PREFIX, Run, bundle_run, simulate
+from mirrorball.task_pool import TaskPool
 
 __all__ = ["grid", "sweep"]
 
@@ -103,6 +104,24 @@ def _options_row(run: Run) -> dict[str, Any]:
     return row | {key: value for key, value in (*run.change.items(), *run.config.items())}
 
 
+def _row_text(task: Task, outcome: Any) -> str:
+    """The row of a result, or of the exception in its place, as JSON."""
+    if isinstance(outcome, Mapping):
+        try:
+            return json.dumps(dict(outcome), default=_json_default)
+        except (TypeError, ValueError):
+            # Keys that are no texts, or an entry that contains itself.
+            pass
+    if not isinstance(outcome, BaseException):
+        expected = "a mapping of texts to numbers, texts and lists"
+        outcome = TypeError(invalid("result of the function", outcome, expected))
+    return json.dumps(_error_row(task, outcome), default=_json_default)
+
+
+def _json_default(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
 def _error_row(task: Task, error: BaseException) -> dict[str, Any]:
     """Why a task failed; of a run also what it was. Its files' folder is gone by then and says nothing."""
     text = f"{type(error).__name__}: {error}"
@@ -141,11 +160,13 @@ def sweep(
     """Calls the function on each task and gives a row for each, in the order of the tasks.
 
     Rows are kept in `folder` as they come (rows-*.parquet); tasks whose rows are there already are not run again, so
-    that a sweep that was stopped goes on. The whole table is results.parquet. A task that fails is tried `retries` times
-    more (not after a ValueError or a missing file: it would fail again); a task that fails finally is a row whose `error` says
-    why, and is tried anew the next time. The row of a run keeps its scenario, preset, seed and changed values. `workers`: this
-    machine's cores if None. `scheduler`: address of a Dask scheduler, whose workers need this package with its extras
-    `analysis` and `cluster`.
+    that a sweep that was stopped goes on. The whole table is results.parquet.
+
+    A task that fails, or whose process dies, is tried `retries` times more (not after a ValueError or a missing file: it
+    would fail again); a task that fails finally, or whose result is no mapping, is a row whose `error` says why, and is
+    tried anew the next time. Tasks that were running beside one whose process died are repeated one by one. The row of a run
+    keeps its scenario, preset, seed and changed values. `workers`: this machine's cores if None. `scheduler`: address of a
+    Dask scheduler, whose workers need this package with its extras `analysis` and `cluster`.
 
     Functions other than the default must be importable by the workers (defined in a module).
     """
@@ -160,13 +181,13 @@ def sweep(
     todo = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
     if todo:
         writer = _RowWriter(folder)
-        results = (
+        outcomes = (
             _run_on_cluster(function, todo, scheduler, retries) if scheduler else _run_locally(function, todo, workers, retries)
         )
-        bar = tqdm(results, total=len(keys), initial=len(keys) - len(todo), unit="run", disable=not progress)
+        bar = tqdm(outcomes, total=len(keys), initial=len(keys) - len(todo), unit="run", disable=not progress)
         try:
-            for key, row in bar:
-                writer.add(key, row)
+            for key, outcome in bar:
+                writer.add(key, _row_text(todo[key], outcome))
         finally:
             writer.flush()
     stored = _read_rows(folder)
@@ -175,30 +196,16 @@ def sweep(
     return table
 
 
-def _run_locally(function: Callable[[Task], Result], todo: dict[str, Task], workers: int | None, retries: int) -> Iterator[Any]:
-    workers = workers or len(os.sched_getaffinity(0))
+def _run_locally(
+    function: Callable[[Task], Result], todo: dict[str, Task], workers: int | None, retries: int
+) -> Iterator[tuple[str, Any]]:
     stop = Event()
     # A simulation releases Python's lock, so that threads suffice; other functions get processes.
-    pool: Executor = ThreadPoolExecutor(workers) if function is run_row else ProcessPoolExecutor(workers)
+    open_executor: Callable[[int], Executor] = ThreadPoolExecutor if function is run_row else ProcessPoolExecutor
     if function is run_row:
         function = partial(_simulation_row, progress=partial(_raise_if_set, stop))
-    with pool:
-        futures: dict[Future[Result], tuple[str, int]] = {pool.submit(function, task): (key, 0) for key, task in todo.items()}
-        try:
-            while futures:
-                for future in as_completed(list(futures)):
-                    key, failures = futures.pop(future)
-                    error = future.exception()
-                    if error is None:
-                        yield key, future.result()
-                    elif failures < retries and not isinstance(error, ValueError | FileNotFoundError):
-                        futures[pool.submit(function, todo[key])] = (key, failures + 1)
-                    else:
-                        yield key, _error_row(todo[key], error)
-        except BaseException:
-            stop.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    pool = TaskPool(function, todo, open_executor=open_executor, retries=retries, stop=stop)
+    return pool.outcomes(workers or len(os.sched_getaffinity(0)))
 
 
 def _raise_if_set(stop: Event, _seconds: float) -> None:
@@ -207,7 +214,9 @@ def _raise_if_set(stop: Event, _seconds: float) -> None:
         raise InterruptedError("the sweep was stopped")
 
 
-def _run_on_cluster(function: Callable[[Task], Result], todo: dict[str, Task], scheduler: str, retries: int) -> Iterator[Any]:
+def _run_on_cluster(
+    function: Callable[[Task], Result], todo: dict[str, Task], scheduler: str, retries: int
+) -> Iterator[tuple[str, Any]]:
     from distributed import Client
     from distributed import as_completed as finished
 
@@ -215,7 +224,7 @@ def _run_on_cluster(function: Callable[[Task], Result], todo: dict[str, Task], s
         futures = client.map(function, list(todo.values()), key=list(todo), retries=retries, pure=False)
         for future in finished(futures):
             error = future.exception()
-            yield future.key, future.result() if error is None else _error_row(todo[future.key], error)
+            yield future.key, future.result() if error is None else error
             future.release()
 
 
@@ -227,8 +236,8 @@ class _RowWriter:
         self.rows: list[dict[str, str]] = []
         self.last_flush = time.monotonic()
 
-    def add(self, key: str, row: Result) -> None:
-        self.rows.append({"key": key, "row": json.dumps(dict(row), default=_json_default)})
+    def add(self, key: str, row: str) -> None:
+        self.rows.append({"key": key, "row": row})
         if time.monotonic() - self.last_flush >= FLUSH_PERIOD_S:
             self.flush()
 
@@ -242,10 +251,6 @@ class _RowWriter:
         pq.write_table(pa.Table.from_pylist(self.rows), part)
         part.rename(path)
         self.rows = []
-
-
-def _json_default(value: Any) -> Any:
-    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def _read_rows(folder: Path) -> dict[str, dict[str, Any]]:
