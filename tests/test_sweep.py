@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import runpy
 import signal
 import subprocess
@@ -19,9 +20,12 @@ import pytest
 import mirrorball
 import sweep_tasks
 from conftest import PROGRAM, ROOT
+from mirrorball.estimates import Pose
 from mirrorball.log import Log
+from mirrorball.mirror import lima2001
 from mirrorball.simulation import Run, bundle_run
 from mirrorball.sweep import grid, sweep
+from mirrorball.task_keys import function_name, task_key
 
 SCENARIO = ROOT / "config/scenarios/tracks_18x12.toml"
 
@@ -75,6 +79,51 @@ def test_result_that_is_no_row_is_an_error(tmp_path: Path) -> None:
         == "TypeError: invalid result of the function: 5 (expected a mapping of texts to numbers, texts and lists)"
     )
     assert "(1, 2)" in found["error"][1] and found["a"][2] == 1
+
+
+def test_folder_of_another_function_or_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tasks = [{"value": 2.0, "trace": str(tmp_path / "trace")}]
+    sweep(tasks, folder=tmp_path, function=sweep_tasks.square, workers=1, progress=False)
+    with pytest.raises(ValueError, match=r"invalid folder: .*sweep_tasks\.square by .*expected rows of sweep_tasks\.deadly by"):
+        sweep(tasks, folder=tmp_path, function=sweep_tasks.deadly, workers=1, progress=False)
+    with monkeypatch.context() as patch:
+        patch.setattr("mirrorball.sweep.__version__", "99.0.0")
+        with pytest.raises(ValueError, match=r"expected rows of sweep_tasks\.square by mirrorball 99\.0\.0\)"):
+            sweep(tasks, folder=tmp_path, function=sweep_tasks.square, workers=1, progress=False)
+    old = tmp_path / "old"
+    old.mkdir()
+    pd.DataFrame([{"key": "1", "row": "{}"}]).to_parquet(old / "rows-000001.parquet")
+    with pytest.raises(ValueError, match="unknown function by an earlier mirrorball"):
+        sweep(tasks, folder=old, function=sweep_tasks.square, workers=1, progress=False)
+
+
+def test_equal_tasks_have_equal_keys() -> None:
+    name = "abc"
+    equal = [
+        ([name, name], json.loads('["abc", "abc"]')),
+        ({"a": 1, "b": (2.0, None)}, {"b": [2.0, None], "a": 1}),
+        ({"seed": np.int64(3), "scale": np.array([1.0, 2.0])}, {"seed": 3, "scale": [1.0, 2.0]}),
+        ({"x", "y", "z"}, {"z", "y", "x"}),
+        (Pose(1.0, 2.0, 0.5), Pose(*np.array([1.0, 2.0, 0.5]))),
+        (lima2001(), pickle.loads(pickle.dumps(lima2001()))),
+        (partial(sweep_tasks.square, {"value": 1.0}), partial(sweep_tasks.square, {"value": 1.0})),
+    ]
+    for first, second in equal:
+        assert task_key(first) == task_key(second), first
+    different = [1, 1.0, "1", None, [], [1], {1: 2}, {"1": 2}, {1}, b"1", Pose(1.0, 2.0, 0.5), [1.0, 2.0, 0.5], int, lima2001()]
+    assert len({task_key(task) for task in different}) == len(different)
+
+
+def test_function_is_named_by_its_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert function_name(sweep_tasks.square) == "sweep_tasks.square"
+    # A script's function is the same as where the script is imported.
+    monkeypatch.setattr(sweep_tasks.square, "__module__", "__main__")
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", "/somewhere/sweep_tasks.py")
+    assert function_name(sweep_tasks.square) == "sweep_tasks.square"
+    names = {function_name(partial(sweep_tasks.bare, value)) for value in (1, 2)}
+    assert len(names) == 2 and all(name.startswith("functools.partial ") for name in names)
+    with pytest.raises(ValueError, match=r"invalid function: .*one that a module defines under a name"):
+        function_name(lambda task: task)
 
 
 def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:

@@ -9,11 +9,9 @@ Needs `pip install mirrorball[analysis]`; a cluster needs `mirrorball[cluster]` 
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import os
-import pickle
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -32,8 +30,10 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from mirrorball._core import __version__
 from mirrorball.arguments import checked, invalid, require_at_least
 from mirrorball.simulation import FOLDER_PREFIX, Run, bundle_run, simulate
+from mirrorball.task_keys import function_name, task_key
 from mirrorball.task_pool import TaskPool
 
 __all__ = ["grid", "sweep"]
@@ -141,11 +141,6 @@ def flat(result: Result, prefix: str = "") -> dict[str, Any]:
     return row
 
 
-def key_of(task: Task) -> str:
-    """Identifies a task: a run by its content, others by their pickled bytes."""
-    return task.key if isinstance(task, Run) else hashlib.sha256(pickle.dumps(task)).hexdigest()[:24]
-
-
 @checked
 def sweep(
     tasks: Iterable[Task],
@@ -160,7 +155,9 @@ def sweep(
     """Calls the function on each task and gives a row for each, in the order of the tasks.
 
     Rows are kept in `folder` as they come (rows-*.parquet); tasks whose rows are there already are not run again, so
-    that a sweep that was stopped goes on. The whole table is results.parquet.
+    that a sweep that was stopped goes on. The whole table is results.parquet. Tasks are told apart by their content: plain
+    data as JSON, other objects by what pickle stores of them. A folder belongs to one function, by its module and name, and
+    to one version of this package. A function that changes under its name needs a new folder.
 
     A task that fails, or whose process dies, is tried `retries` times more (not after a ValueError or a missing file: it
     would fail again); a task that fails finally, or whose result is no mapping, is a row whose `error` says why, and is
@@ -169,18 +166,21 @@ def sweep(
     Dask scheduler, whose workers need this package with its extras `analysis` and `cluster`.
 
     Functions other than the default must be importable by the workers (defined in a module).
+
+    ValueError for a function without a name in a module, and for a folder with rows of another function or version.
     """
     if workers is not None:
         require_at_least("workers", workers, 1)
     require_at_least("retries", retries, 0)
     tasks = list(tasks)
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    keys = [key_of(task) for task in tasks]
-    known = {key for key, row in _read_rows(folder).items() if row.get("error") is None}
+    keys = [task_key(task) for task in tasks]
+    origin = {"function": function_name(function), "version": __version__}
+    known = {key for key, row in _read_rows(folder, origin).items() if row.get("error") is None}
     todo = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
+    folder.mkdir(parents=True, exist_ok=True)
     if todo:
-        writer = _RowWriter(folder)
+        writer = _RowWriter(folder, origin)
         outcomes = (
             _run_on_cluster(function, todo, scheduler, retries) if scheduler else _run_locally(function, todo, workers, retries)
         )
@@ -190,7 +190,7 @@ def sweep(
                 writer.add(key, _row_text(todo[key], outcome))
         finally:
             writer.flush()
-    stored = _read_rows(folder)
+    stored = _read_rows(folder, origin)
     table = pd.DataFrame([stored[key] for key in keys if key in stored])
     table.to_parquet(folder / "results.parquet", index=False)
     return table
@@ -231,13 +231,14 @@ def _run_on_cluster(
 class _RowWriter:
     """Rows to Parquet: a new file each few seconds, complete under its name or not there."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, origin: Mapping[str, str]) -> None:
         self.folder = folder
+        self.origin = origin
         self.rows: list[dict[str, str]] = []
         self.last_flush = time.monotonic()
 
     def add(self, key: str, row: str) -> None:
-        self.rows.append({"key": key, "row": row})
+        self.rows.append({"key": key, "row": row, **self.origin})
         if time.monotonic() - self.last_flush >= FLUSH_PERIOD_S:
             self.flush()
 
@@ -253,10 +254,20 @@ class _RowWriter:
         self.rows = []
 
 
-def _read_rows(folder: Path) -> dict[str, dict[str, Any]]:
-    """Rows by key; of several the last."""
+def _read_rows(folder: Path, origin: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Rows by key; of several the last. ValueError if they have another origin: a function and a version."""
     rows: dict[str, dict[str, Any]] = {}
     for path in sorted(folder.glob("rows-*.parquet")):
         for stored in pq.read_table(path).to_pylist():
+            found = {name: stored.get(name) for name in origin}
+            if found != origin:
+                problem = f"invalid folder: {str(folder)!r} has rows of {_origin_text(found)}"
+                raise ValueError(f"{problem} (expected rows of {_origin_text(origin)}). Use another folder")
             rows[stored["key"]] = {"error": None, **json.loads(stored["row"])}
     return rows
+
+
+def _origin_text(origin: Mapping[str, str | None]) -> str:
+    if origin["function"] is None:
+        return "an unknown function by an earlier mirrorball"
+    return f"{origin['function']} by mirrorball {origin['version']}"
