@@ -31,6 +31,7 @@ from mirrorball.analysis import (
     table,
     write_parquet,
 )
+from mirrorball.analysis.figures import markings
 from mirrorball.analysis.reporting import PICTURED
 from mirrorball.analysis.video import overlays, write_png, write_video
 
@@ -253,3 +254,6 @@ def test_log_without_topics_is_said_to_have_none(game: Path, tmp_path: Path) -> 
         cycles(log)
     with pytest.raises(KeyError, match="it has none"):
         log.messages("/pose")
+    # Markings and images are drawn where a log has them.
+    assert markings(log).shape == (0, 2)
+    assert list(overlays(log)) == []

@@ -1,6 +1,8 @@
 """Columns of logs as the crates read them, compared with Python's own mcap and protobuf as an independent reader."""
 
 import math
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +85,27 @@ def test_list_elements_and_entries_match_an_independent_reader(game: Path) -> No
         log.columns("/cycle", elements=["nothing[0]"])
     with pytest.raises(LogError, match="neither a list"):
         log.rows("/cycle", "index")
+
+
+@pytest.mark.parametrize("index", [-1, 9, 99])
+def test_element_that_no_list_has_is_refused(index: int, game: Path) -> None:
+    element = f"estimate.covariance[{index}]"
+    with pytest.raises(ValueError, match=rf"invalid elements: '{re.escape(element)}' \(expected an index of 0 to 8\)"):
+        Log(game).columns("/cycle", elements=[element])
+    # Lists that are all empty say nothing of their length.
+    nothing = Log(game).columns("/cycle", elements=["estimate.covariance[8]"], stop_s=0.0)
+    assert len(nothing["estimate_covariance_8"]) == 0
+
+
+def test_unknown_topic_is_named_with_those_of_the_log(game: Path) -> None:
+    log = Log(game)
+    reads: list[Callable[[], object]] = [
+        lambda: log.columns("/nope"), lambda: log.rows("/nope", "points"), lambda: log.log_times_ns("/nope"),
+        lambda: log.messages("/nope"), lambda: log.messages("/imu", "/nope"),
+    ]  # fmt: skip
+    for read in reads:
+        with pytest.raises(KeyError, match=r"game\.mcap has no topic /nope; it has .*/imu, "):
+            read()
 
 
 def test_messages_have_their_fields_as_attributes(game: Path) -> None:

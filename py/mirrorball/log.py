@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball._core import LogError, LogReader
+from mirrorball.arguments import invalid
 from mirrorball.records import Record
 
 __all__ = ["Log", "LogError", "LogMessage"]
@@ -61,10 +62,11 @@ class Log:
     def __reduce__(self) -> tuple[type[Log], tuple[Path]]:
         return Log, (self.path,)
 
-    def _require_any_topic(self, *topics: str) -> None:
-        # Of a log that was cut before its first message.
-        if topics and not self.message_counts:
-            raise KeyError(f"{self.path} has no topic {topics[0]}; it has none")
+    def _require_topics(self, *topics: str) -> None:
+        for topic in topics:
+            # What is no text is refused where it is read.
+            if isinstance(topic, str) and topic not in self.message_counts:
+                raise KeyError(f"{self.path} has no topic {topic}; it has {', '.join(self.topics) or 'none'}")
 
     @property
     def topics(self) -> list[str]:
@@ -79,9 +81,9 @@ class Log:
         """Messages of these topics (all, if none are named) from start until before stop.
 
         Those of one topic come in the order of their stamps, those of different topics chunk by chunk: an image
-        precedes its annotations.
+        precedes its annotations. KeyError for a topic that the log does not have.
         """
-        self._require_any_topic(*topics)
+        self._require_topics(*topics)
         found = self._reader.messages(topics, start_s=start_s, stop_s=stop_s)
         return (LogMessage(topic, 1e-9 * stamp_ns, message) for topic, stamp_ns, message in found)
 
@@ -97,10 +99,16 @@ class Log:
 
         `stamp_s` is when each was logged. An absent number is NaN, an absent text empty; lists have their length, as
         `a_count`. Nanosecond stamps (`…_ns`) are int64, −1 where absent. `elements` adds columns of single list
-        elements: "estimate.covariance[0]" becomes `estimate_covariance_0`.
+        elements: "estimate.covariance[0]" becomes `estimate_covariance_0`, NaN where the list is shorter.
+
+        KeyError for a topic that the log does not have, ValueError for an element that none of the lists has, unless all
+        of them are empty.
         """
-        self._require_any_topic(topic)
-        return self._reader.columns(topic, elements=elements, start_s=start_s, stop_s=stop_s)
+        self._require_topics(topic)
+        found = self._reader.columns(topic, elements=elements, start_s=start_s, stop_s=stop_s)
+        for element in elements:
+            _require_element(element, found)
+        return found
 
     def rows(
         self, topic: str, field: str, *, start_s: float | None = None, stop_s: float | None = None
@@ -109,15 +117,25 @@ class Log:
 
         `field` names a list of messages ("team.mates") or a message of parallel lists ("points").
         """
-        self._require_any_topic(topic)
+        self._require_topics(topic)
         return self._reader.rows(topic, field, start_s=start_s, stop_s=stop_s)
 
     def log_times_ns(self, topic: str) -> NDArray[np.uint64]:
         """When a topic's messages were logged, nanoseconds, ascending."""
-        self._require_any_topic(topic)
+        self._require_topics(topic)
         return self._reader.log_times(topic)
 
     def images(self, *, start_s: float | None = None, stop_s: float | None = None) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         """Stamps (seconds) and images (rows × columns × red, green, blue) one after the other."""
         found = self._reader.images(start_s=start_s, stop_s=stop_s)
         return ((1e-9 * stamp_ns, image) for stamp_ns, image in found)
+
+
+def _require_element(element: str, columns: dict[str, NDArray[Any]]) -> None:
+    """Raises ValueError for an index that no list has. All lists of a robot that is lost throughout are empty."""
+    name, _, index = element.removesuffix("]").partition("[")
+    longest = int(columns[f"{name.replace('.', '_')}_count"].max(initial=0))
+    if int(index) < 0 or 0 < longest <= int(index):
+        raise ValueError(
+            invalid("elements", element, f"an index of 0 to {longest - 1}" if longest else "an index of at least 0")
+        )

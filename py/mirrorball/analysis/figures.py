@@ -40,7 +40,7 @@ def decorate(ax: Axes) -> None:
 
 def markings(log: Log) -> np.ndarray:
     """Points on the field's lines, n × 2, metres; empty where the log has none."""
-    for entry in log.messages("/field/lines"):
+    for entry in log.messages("/field/lines") if "/field/lines" in log.topics else ():
         cloud = entry.message
         values = np.frombuffer(cloud.data, dtype="<f4").reshape(-1, cloud.point_stride // 4)
         return values[:, :2]

@@ -29,8 +29,11 @@ def overlays(
     """
     require_at_least("every", every, 1)
     require_at_least("scale", scale, 1)
-    image, number = None, 0
-    for entry in as_log(log).messages("/camera/image", "/camera/annotations", start_s=start_s, stop_s=stop_s):
+    log, image, number = as_log(log), None, 0
+    topics = ("/camera/image", "/camera/annotations")
+    if not set(topics) <= set(log.topics):
+        return
+    for entry in log.messages(*topics, start_s=start_s, stop_s=stop_s):
         if entry.topic == "/camera/image":
             image = entry
             continue
