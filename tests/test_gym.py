@@ -8,7 +8,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-from mirrorball.gym import DriveToBall
+from mirrorball.gym import VELOCITY_MAX, DriveToBall
 
 SCENARIO = Path(__file__).parents[1] / "config/scenarios/demo.toml"
 
@@ -56,6 +56,8 @@ def test_estimate_agrees_with_truth_once_the_robot_knows_its_place() -> None:
         ({"preset": "nope"}, "unknown preset"),
         ({"speed_max_mps": -1.0}, r"invalid speed_max_mps: -1\.0"),
         ({"turn_max_radps": -1.0}, r"invalid turn_max_radps: -1\.0"),
+        ({"speed_max_mps": 1e6}, r"invalid speed_max_mps: 1000000\.0 \(expected 0 to 1000\)"),
+        ({"turn_max_radps": 1e6}, r"invalid turn_max_radps: 1000000\.0"),
     ],
 )
 def test_invalid_options_of_an_environment_are_rejected(wrong: dict[str, Any], words: str) -> None:
@@ -84,3 +86,9 @@ def test_seed_draws_noise_and_other_robots_alone() -> None:
     alone = {"others.opponents": 0, "others.mates": 0}
     assert np.array_equal(poses_and_balls(1, alone), poses_and_balls(2, alone))
     assert not np.array_equal(poses_and_balls(1, {}), poses_and_balls(2, {}))
+
+
+def test_largest_velocity_of_an_environment_can_be_driven() -> None:
+    env = DriveToBall(SCENARIO, speed_max_mps=VELOCITY_MAX, turn_max_radps=VELOCITY_MAX)
+    env.reset(seed=1)
+    env.step(np.array([1.0, -1.0, 1.0], dtype=np.float32))

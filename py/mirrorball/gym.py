@@ -29,6 +29,9 @@ __all__ = ["DriveToBall", "RobotEnv"]
 
 Observation = NDArray[Any]
 
+VELOCITY_MAX = 1000.0
+"""Largest velocity that `Simulation.step` takes: m/s, rad/s."""
+
 
 def __dir__() -> list[str]:
     return __all__
@@ -49,7 +52,8 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
     other robots and people. The scenario says where the robot and the ball start, so without others all episodes with
     `observe="truth"` are equal. `change` varies them.
 
-    ValueError for a negative speed, and for an action that is not three finite numbers; those beyond ±1 are limited.
+    ValueError for a speed below 0 or above 1000, and for an action that is not three finite numbers. Those beyond ±1 are
+    limited.
     """
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (the name and form are Gymnasium's)
@@ -69,8 +73,8 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
         render_mode: str | None = None,
     ) -> None:
         for name, value in (("speed_max_mps", speed_max_mps), ("turn_max_radps", turn_max_radps)):
-            if value < 0.0:
-                raise ValueError(invalid(name, value, "at least 0"))
+            if not 0.0 <= value <= VELOCITY_MAX:
+                raise ValueError(invalid(name, value, f"0 to {VELOCITY_MAX:g}"))
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
             raise ValueError(invalid("render_mode", render_mode, " or ".join(["None", *map(repr, modes)])))
