@@ -8,6 +8,10 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mirrorball.arguments import Number as _Number
+from mirrorball.arguments import Vector as _Vector
+from mirrorball.arguments import Whole as _Whole
+
 __version__: str
 __all__ = [
     "Camera",
@@ -38,8 +42,6 @@ __all__ = [
     "trace_rays",
 ]
 
-_Vector = Sequence[float] | NDArray[np.floating[Any]]
-
 @final
 class Profile:
     """A mirror of revolution: height above the ground over radius, smooth between its samples."""
@@ -61,14 +63,14 @@ class Camera:
     def __new__(
         cls,
         *,
-        width_px: int,
-        height_px: int,
-        focal_px: float | None = None,
-        pinhole_height_m: float | None = None,
+        width_px: _Whole,
+        height_px: _Whole,
+        focal_px: _Number | None = None,
+        pinhole_height_m: _Number | None = None,
         centre_px: _Vector | None = None,
-        forward_deg: float = 90.0,
+        forward_deg: _Number = 90.0,
         flipped: bool = True,
-        outer_radius_px: float | None = None,
+        outer_radius_px: _Number | None = None,
     ) -> Camera: ...
     @staticmethod
     def of_map(map: GroundMap) -> Camera: ...
@@ -102,7 +104,7 @@ class Mount:
         lean_deg: _Vector = (0.0, 0.0),
         mirror_tilt_deg: _Vector = (0.0, 0.0),
         mirror_offset_m: _Vector = (0.0, 0.0),
-        mirror_raise_m: float = 0.0,
+        mirror_raise_m: _Number = 0.0,
     ) -> Mount: ...
     def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
 
@@ -161,9 +163,9 @@ def render(
     ball: _Vector | None = None,
     robots: ArrayLike = (),
     own_body: bool = True,
-    exposure: float = 1.0,
-    blur_px: float = 1.3,
-    seed: int = 1,
+    exposure: _Number = 1.0,
+    blur_px: _Number = 1.3,
+    seed: _Whole = 1,
 ) -> NDArray[np.uint8]:
     """Render the image from a pose (x, y in metres, θ in radians): rows × columns × (red, green, blue)."""
 
@@ -189,7 +191,7 @@ class Vision:
         cls,
         *,
         map: GroundMap,
-        line_width_m: float,
+        line_width_m: _Number,
         camera: Camera | None = None,
         mask: NDArray[np.bool_] | None = None,
         settings: str | None = None,
@@ -207,10 +209,10 @@ def calibrate_strip(
     camera: Camera,
     images: Sequence[NDArray[Any]],
     directions_rad: ArrayLike,
-    first_edge_m: float,
-    spacing_m: float,
-    bars: int,
-    width_m: float,
+    first_edge_m: _Number,
+    spacing_m: _Number,
+    bars: _Whole,
+    width_m: _Number,
     first_bar: str,
 ) -> tuple[GroundMap, float, list[tuple[int, int, float, str | None]]]: ...
 def calibrate_lines(
@@ -226,7 +228,7 @@ def calibrate_sizes(
     *,
     map: GroundMap,
     images: Sequence[NDArray[Any]],
-    line_width_m: float,
+    line_width_m: _Number,
     camera: Camera | None = None,
     settings: str | None = None,
 ) -> list[tuple[str, NDArray[np.float32]]]: ...
@@ -234,7 +236,7 @@ def learn_colours(
     *,
     map: GroundMap,
     images: Sequence[NDArray[Any]],
-    line_width_m: float,
+    line_width_m: _Number,
     over: str,
     camera: Camera | None = None,
     settings: str | None = None,
@@ -245,8 +247,8 @@ def simulate(
     *,
     preset: str,
     images: str,
-    seed: int | None = None,
-    duration_s: float | None = None,
+    seed: _Whole | None = None,
+    duration_s: _Number | None = None,
     change: dict[str, Any] | None = None,
     config: dict[str, Any] | str | PathLike[str] | None = None,
     record: str | PathLike[str] | None = None,
@@ -266,8 +268,8 @@ class Simulation:
         scenario: str | PathLike[str],
         *,
         images: bool,
-        seed: int | None = None,
-        duration_s: float | None = None,
+        seed: _Whole | None = None,
+        duration_s: _Number | None = None,
         change: dict[str, Any] | None = None,
     ) -> Simulation: ...
     @property
@@ -278,10 +280,10 @@ class Simulation:
     def command(self, velocity: _Vector | None) -> None: ...
     def kidnap(self, pose: _Vector) -> None: ...
     def push(self, impulse: _Vector) -> None: ...
-    def place_ball(self, position: _Vector, velocity: _Vector, height: float, vertical_velocity: float) -> None: ...
-    def place_robot(self, index: int, pose: _Vector) -> None: ...
-    def set_light(self, level: float | None) -> None: ...
-    def set_camera(self, exposure: float, gain: float) -> None: ...
+    def place_ball(self, position: _Vector, velocity: _Vector, height: _Number, vertical_velocity: _Number) -> None: ...
+    def place_robot(self, index: _Whole, pose: _Vector) -> None: ...
+    def set_light(self, level: _Number | None) -> None: ...
+    def set_camera(self, exposure: _Number, gain: _Number) -> None: ...
     def apply_camera_command(self, cycle: Cycle) -> None: ...
     def pipeline(self, *, preset: str, config: dict[str, Any] | str | PathLike[str] | None = None) -> Pipeline: ...
 
@@ -298,18 +300,18 @@ class Pipeline:
         map: str | PathLike[str] | None = None,
         config: dict[str, Any] | str | PathLike[str] | None = None,
     ) -> Pipeline: ...
-    def odometry(self, stamp_s: float, motion: _Vector) -> None: ...
+    def odometry(self, stamp_s: _Number, motion: _Vector) -> None: ...
     def imu(
         self,
-        stamp_s: float,
+        stamp_s: _Number,
         specific_force_mps2: _Vector,
         angular_velocity_radps: _Vector,
     ) -> None: ...
-    def compass(self, stamp_s: float, heading_rad: float, magnetic_field: _Vector | None = None) -> None: ...
-    def command(self, stamp_s: float, velocity: _Vector) -> None: ...
-    def set_pose(self, stamp_s: float, pose: _Vector, std: _Vector) -> None: ...
-    def image(self, stamp_s: float, image: NDArray[Any]) -> Cycle: ...
-    def points(self, stamp_s: float, points: ArrayLike, std_m: float) -> Cycle: ...
+    def compass(self, stamp_s: _Number, heading_rad: _Number, magnetic_field: _Vector | None = None) -> None: ...
+    def command(self, stamp_s: _Number, velocity: _Vector) -> None: ...
+    def set_pose(self, stamp_s: _Number, pose: _Vector, std: _Vector) -> None: ...
+    def image(self, stamp_s: _Number, image: NDArray[Any]) -> Cycle: ...
+    def points(self, stamp_s: _Number, points: ArrayLike, std_m: _Number) -> Cycle: ...
 
 @final
 class Cycle:
@@ -345,17 +347,17 @@ class LogReader:
     def schemas(self) -> dict[str, str]: ...
     def files(self) -> dict[str, bytes]: ...
     def columns(
-        self, topic: str, *, elements: Sequence[str], start_s: float | None = None, stop_s: float | None = None
+        self, topic: str, *, elements: Sequence[str], start_s: _Number | None = None, stop_s: _Number | None = None
     ) -> dict[str, NDArray[Any]]: ...
     def rows(
-        self, topic: str, field: str, *, start_s: float | None = None, stop_s: float | None = None
+        self, topic: str, field: str, *, start_s: _Number | None = None, stop_s: _Number | None = None
     ) -> dict[str, NDArray[Any]]: ...
     def log_times(self, topic: str) -> NDArray[np.uint64]: ...
     def messages(
-        self, topics: Sequence[str], *, start_s: float | None = None, stop_s: float | None = None
+        self, topics: Sequence[str], *, start_s: _Number | None = None, stop_s: _Number | None = None
     ) -> Iterator[tuple[str, int, Any]]: ...
     def images(
-        self, *, start_s: float | None = None, stop_s: float | None = None
+        self, *, start_s: _Number | None = None, stop_s: _Number | None = None
     ) -> Iterator[tuple[int, NDArray[np.uint8]]]: ...
 
 def findings(path: str | PathLike[str]) -> tuple[int, list[tuple[str, str, float, float, float, float, list[str], str]]]:

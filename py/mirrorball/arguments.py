@@ -10,15 +10,24 @@ import inspect
 import math
 import types
 import typing
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union
 
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["checked", "invalid", "plain", "require_at_least", "require_columns"]
+__all__ = ["Number", "Vector", "Whole", "checked", "invalid", "plain", "require_at_least", "require_columns"]
+
+Number = float | np.floating[Any] | np.integer[Any]
+"""Python's numbers and numpy's."""
+
+Whole = int | np.integer[Any]
+
+Vector = Sequence[Number] | NDArray[np.floating[Any] | np.integer[Any]]
+"""Two or three numbers."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -110,9 +119,9 @@ def _fit(value: Any, hint: Any) -> bool | None:
         return True
     if origin is Literal:
         return (True if value in inner else None) if isinstance(value, str) else False
-    if origin is float:
+    if origin in (float, np.floating):
         return (True if math.isfinite(value) else None) if isinstance(value, Real) else False
-    if origin is int:
+    if origin in (int, np.integer):
         return isinstance(value, Integral) and not isinstance(value, bool)
     if origin is bool:
         return isinstance(value, bool | np.bool_)
@@ -161,8 +170,8 @@ def _all_fit(values: Iterable[Any], hint: Any) -> bool | None:
 def _words(hint: Any) -> str:
     """What a type is to a reader."""
     origin, inner = typing.get_origin(hint) or hint, typing.get_args(hint)
-    simple = {float: "a finite number", int: "a whole number", bool: "True or False", str: "a text", Path: "a path",
-              PathLike: "a path", Callable: "a function"}  # fmt: skip
+    simple = {float: "a finite number", np.floating: "a finite number", int: "a whole number", np.integer: "a whole number",
+              bool: "True or False", str: "a text", Path: "a path", PathLike: "a path", Callable: "a function"}  # fmt: skip
     if origin in simple:
         return simple[origin]
     if origin is Literal:

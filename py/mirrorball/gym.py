@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball._core import Field
-from mirrorball.arguments import checked, invalid
+from mirrorball.arguments import Vector, checked, invalid
 from mirrorball.estimates import Cycle
 from mirrorball.pipeline import Config, Localizer
 from mirrorball.simulation import Simulation, Step
@@ -99,7 +99,7 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
         self._has_begun = True
         return self._observation(), self._info()
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Vector) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drives until the next image; gymnasium.error.ResetNeeded before the first `reset`."""
         if not self._has_begun:
             raise gymnasium.error.ResetNeeded("no episode has begun (expected reset() before step())")

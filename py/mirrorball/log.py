@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball._core import LogError, LogReader
-from mirrorball.arguments import invalid
+from mirrorball.arguments import Number, invalid
 from mirrorball.records import Record
 
 __all__ = ["Log", "LogError", "LogMessage"]
@@ -77,7 +77,7 @@ class Log:
         """Files that the run was made with: robot.toml, field.toml, map.npz, pipeline.toml (spine.toml in 0.1.0), …"""
         return self._reader.files()
 
-    def messages(self, *topics: str, start_s: float | None = None, stop_s: float | None = None) -> Iterator[LogMessage]:
+    def messages(self, *topics: str, start_s: Number | None = None, stop_s: Number | None = None) -> Iterator[LogMessage]:
         """Messages of these topics (all, if none are named) from start until before stop.
 
         Those of one topic come in the order of their stamps, those of different topics chunk by chunk: an image
@@ -92,8 +92,8 @@ class Log:
         topic: str,
         *,
         elements: Sequence[str] = (),
-        start_s: float | None = None,
-        stop_s: float | None = None,
+        start_s: Number | None = None,
+        stop_s: Number | None = None,
     ) -> dict[str, NDArray[Any]]:
         """Numbers and texts of a topic's messages, one array each; `a.b` of a message becomes column `a_b`.
 
@@ -111,7 +111,7 @@ class Log:
         return found
 
     def rows(
-        self, topic: str, field: str, *, start_s: float | None = None, stop_s: float | None = None
+        self, topic: str, field: str, *, start_s: Number | None = None, stop_s: Number | None = None
     ) -> dict[str, NDArray[Any]]:
         """Columns of a list inside a topic's messages, one row an entry; `stamp_s` is when its message was logged.
 
@@ -125,7 +125,9 @@ class Log:
         self._require_topics(topic)
         return self._reader.log_times(topic)
 
-    def images(self, *, start_s: float | None = None, stop_s: float | None = None) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    def images(
+        self, *, start_s: Number | None = None, stop_s: Number | None = None
+    ) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         """Stamps (seconds) and images (rows × columns × red, green, blue) one after the other."""
         found = self._reader.images(start_s=start_s, stop_s=stop_s)
         return ((1e-9 * stamp_ns, image) for stamp_ns, image in found)

@@ -7,17 +7,16 @@ clock. Samples may arrive in any order; those up to an image's stamp count for i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mirrorball import _core
 from mirrorball._core import Field
-from mirrorball.arguments import invalid
+from mirrorball.arguments import Number, Vector, invalid
 from mirrorball.estimates import Cycle, Estimate
 from mirrorball.samples import (
     CommandSample,
@@ -39,9 +38,6 @@ def __dir__() -> list[str]:
 POINT_STD_M = 0.04
 """Standard deviation of line points that come without one, as in `mirrorball locate`."""
 
-Vector = Sequence[float] | NDArray[np.floating[Any]]
-"""Two or three numbers."""
-
 Config = Mapping[str, Any] | str | PathLike[str]
 """Settings by dotted key or nested, {"localize.matching.steps_max": 20}; or the path of an overlay file."""
 
@@ -51,26 +47,26 @@ class _Sensors:
 
     _pipeline: _core.Pipeline
 
-    def odometry(self, stamp_s: float, motion: Vector) -> None:
+    def odometry(self, stamp_s: Number, motion: Vector) -> None:
         """Wheels: motion since the previous sample, in the robot frame at that sample.
 
         `motion`: forward and left (metres), turn (radians).
         """
         self._pipeline.odometry(stamp_s, motion)
 
-    def imu(self, stamp_s: float, specific_force_mps2: Vector, angular_velocity_radps: Vector) -> None:
+    def imu(self, stamp_s: Number, specific_force_mps2: Vector, angular_velocity_radps: Vector) -> None:
         """Inertial unit: x forward, y left, z up; at rest the specific force is (0, 0, 9.81)."""
         self._pipeline.imu(stamp_s, specific_force_mps2, angular_velocity_radps)
 
-    def compass(self, stamp_s: float, heading_rad: float, *, magnetic_field: Vector | None = None) -> None:
+    def compass(self, stamp_s: Number, heading_rad: Number, *, magnetic_field: Vector | None = None) -> None:
         """Compass: direction of the robot's x axis on the field; `magnetic_field` in the robot frame, any unit."""
         self._pipeline.compass(stamp_s, heading_rad, magnetic_field)
 
-    def command(self, stamp_s: float, velocity: Vector) -> None:
+    def command(self, stamp_s: Number, velocity: Vector) -> None:
         """Velocity commanded to the motors from `stamp_s` on: forward, left (m/s), turn (rad/s)."""
         self._pipeline.command(stamp_s, velocity)
 
-    def set_pose(self, stamp_s: float, pose: Vector, *, std: Vector = (0.1, 0.1, 0.1)) -> None:
+    def set_pose(self, stamp_s: Number, pose: Vector, *, std: Vector = (0.1, 0.1, 0.1)) -> None:
         """Starts from a known pose (x, y in metres, θ in radians) with these standard deviations."""
         self._pipeline.set_pose(stamp_s, pose, std)
 
@@ -92,7 +88,7 @@ class Localizer(_Sensors):
     def __init__(self, *, field: Field | str | PathLike[str], config: Config | None = None, preset: str = "default") -> None:
         self._pipeline = _core.Pipeline(field=_field(field), config=_config(config), preset=preset)
 
-    def points(self, stamp_s: float, points: ArrayLike, *, std_m: float = POINT_STD_M) -> Estimate:
+    def points(self, stamp_s: Number, points: ArrayLike, *, std_m: Number = POINT_STD_M) -> Estimate:
         """Line points of one image in the robot frame, metres; gives the pose.
 
         `points`: n × 2 (x forward, y left), with the standard deviation `std_m`; or n × 4, with a standard deviation along
@@ -138,11 +134,11 @@ class Pipeline(_Sensors):
         pipeline._pipeline = simulation.pipeline(preset=preset, config=_config(config))
         return pipeline
 
-    def image(self, stamp_s: float, image: NDArray[Any]) -> Cycle:
+    def image(self, stamp_s: Number, image: NDArray[Any]) -> Cycle:
         """An image as OpenCV reads it: uint8, rows × columns × 3 (blue, green, red) or rows × columns (grey)."""
         return Cycle(self._pipeline.image(stamp_s, image))
 
-    def points(self, stamp_s: float, points: ArrayLike, *, std_m: float = POINT_STD_M) -> Cycle:
+    def points(self, stamp_s: Number, points: ArrayLike, *, std_m: Number = POINT_STD_M) -> Cycle:
         """Line points in place of an image, as in `Localizer.points`."""
         return Cycle(self._pipeline.points(stamp_s, points, std_m))
 

@@ -11,16 +11,16 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball import _core
-from mirrorball.arguments import checked, invalid, plain
+from mirrorball.arguments import Number, Vector, Whole, checked, invalid, plain
 from mirrorball.estimates import Cycle
 from mirrorball.pipeline import Config, Pipeline
 from mirrorball.samples import ImageSample, Sample, TruthSample, sample_from_core
@@ -34,8 +34,6 @@ def __dir__() -> list[str]:
 
 FOLDER_PREFIX = "mirrorball-"
 """How the temporary folder of a run's files begins."""
-
-Numbers = Sequence[float] | NDArray[np.floating[Any]]
 
 
 @checked
@@ -99,19 +97,26 @@ def bundle_run(
 def simulate(
     run: Run | str | Path,
     *,
+    seed: Whole | None = None,
+    duration_s: Number | None = None,
+    preset: str | None = None,
+    change: Mapping[str, Any] | None = None,
+    config: Mapping[str, Any] | None = None,
     record: str | Path | None = None,
-    images: str = "png",
+    images: Literal["png", "jpeg", "none"] = "png",
     progress: Callable[[float], object] | None = None,
-    **options: Any,
 ) -> dict[str, Any]:
     """Makes a run and gives its summary: frames, modes, `position_error_m`, `heading_error_rad`, times, ball.
 
     Of several robots the summary of each is in `robots`. A number without measurements is None.
 
-    A path stands for `Run(path, **options)`. `record` writes a log, with its images as "png", "jpeg" or "none".
+    A path stands for the `Run` of that scenario with `seed`, `duration_s`, `preset`, `change` and `config`; None: as the
+    `Run` has them by default. `record` writes a log, with its images as "png", "jpeg" or "none".
     `progress` gets the simulated seconds some ten times a second; an exception that it raises ends the run.
-    Raises FileNotFoundError for a missing file and ValueError for an invalid value.
+    Raises FileNotFoundError for a missing file, ValueError for an invalid value and TypeError for options beside a `Run`.
     """
+    given = {"seed": seed, "duration_s": duration_s, "preset": preset, "change": change, "config": config}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if not isinstance(run, Run):
         run = Run(str(run), **options)
     elif options:
@@ -185,8 +190,8 @@ class Simulation:
         self,
         scenario: str | Path,
         *,
-        seed: int | None = None,
-        duration_s: float | None = None,
+        seed: Whole | None = None,
+        duration_s: Number | None = None,
         change: Mapping[str, Any] | None = None,
         images: bool = True,
     ) -> None:
@@ -212,7 +217,7 @@ class Simulation:
                 return
             yield sample
 
-    def step(self, velocity: Numbers | None = None) -> Step:
+    def step(self, velocity: Vector | None = None) -> Step:
         """Drives until the next image with a velocity: forward, left (m/s), turn (rad/s). None: along the scenario's path."""
         self._core.command(velocity)
         samples: list[Sample] = []
@@ -226,34 +231,34 @@ class Simulation:
         """The pipeline of the simulated robot, with the map of its calibration."""
         return Pipeline.of_simulation(self._core, preset=preset, config=config)
 
-    def kidnap(self, pose: Numbers) -> None:
+    def kidnap(self, pose: Vector) -> None:
         """Moves the robot to a pose (x, y in metres, θ in radians), at rest."""
         self._core.kidnap(pose)
 
-    def push(self, impulse: Numbers) -> None:
+    def push(self, impulse: Vector) -> None:
         """Pushes the robot: impulse along the field's x and y, N s."""
         self._core.push(impulse)
 
     def place_ball(
         self,
-        position: Numbers,
+        position: Vector,
         *,
-        velocity: Numbers = (0.0, 0.0),
-        height: float = 0.0,
-        vertical_velocity: float = 0.0,
+        velocity: Vector = (0.0, 0.0),
+        height: Number = 0.0,
+        vertical_velocity: Number = 0.0,
     ) -> None:
         """Places the ball on the field (metres) with a velocity (m/s), its lowest point at a height, without spin."""
         self._core.place_ball(position, velocity, height, vertical_velocity)
 
-    def place_robot(self, index: int, pose: Numbers) -> None:
+    def place_robot(self, index: Whole, pose: Vector) -> None:
         """Moves another robot to a pose, at rest; `index` as in `TruthSample.robots`."""
         self._core.place_robot(index, pose)
 
-    def set_light(self, level: float | None) -> None:
+    def set_light(self, level: Number | None) -> None:
         """Light on the field in place of the scenario's (1: normal); None: the scenario's again."""
         self._core.set_light(level)
 
-    def set_camera(self, *, exposure: float, gain: float) -> None:
+    def set_camera(self, *, exposure: Number, gain: Number) -> None:
         """Exposure and gain of the camera from the next image on."""
         self._core.set_camera(exposure, gain)
 
