@@ -265,9 +265,9 @@ def test_every_column_has_a_unit_or_none_by_list(preset: str, tmp_path: Path) ->
     names = {f"{topic}: {name}" for topic, found in tables.items() for name in found.columns if not has_unit_or_none(name)}
     assert names == set()
     # A list that is too wide lets everything pass.
-    plain = ("x", "ball_x", "dx", "theta", "rate_x", "acceleration_z", "residual", "covariance_00")
+    plain = ("x", "ball_x", "dx", "theta", "rate_x", "acceleration_z", "residual", "slip", "covariance_00")
     assert not any(map(has_unit_or_none, plain))
-    assert {"dx_m", "dtheta_rad"} <= set(tables["/odometry"])
+    assert {"dx_m", "dtheta_rad", "slip_m"} <= set(tables["/odometry"])
     assert {"acceleration_x_mps2", "rate_z_radps"} <= set(tables["/imu"])
     assert {"x_mps", "theta_radps"} <= set(tables["/command"])
     assert np.allclose(run["std_x_m"] ** 2, run["covariance_xx_m2"])

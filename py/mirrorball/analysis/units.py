@@ -16,7 +16,7 @@ DIMENSIONLESS = re.compile(
     "|".join(
         (
             r"stamp_s|.*_count|.*(^|_)(index|id|images|knocks|frames|level|line|line_points|refused|point_stride|pixels)",
-            r".*(^|_)(score|probability|share|entropy|exposure|gain|slip|nees|evidence|brightness|inlier_share)",
+            r".*(^|_)(score|probability|share|entropy|exposure|gain|nees|evidence|brightness|inlier_share)",
             r".*_(certificate_points|others_share_max|unlisted_share_max|expected_log_odds)",
             r".*_(markings|markings_seen|wheels|compass|from_frame|runners_up|seen|tracked)|runners_up",
             # Quaternions.
@@ -42,7 +42,7 @@ _BY_NAME = (
     (re.compile(r".*acceleration_[xyz]"), "_mps2"),
     (re.compile(r".*(^|_)rate_[xyz]|.*gyro_bias"), "_radps"),
     (re.compile(r".*(position|ball|pose|on_field|from_robot|state|translation)_[xyz]|.*ball_height"), "_m"),
-    (re.compile(r"(.*_)?d[xy]|.*residual"), "_m"),
+    (re.compile(r"(.*_)?d[xy]|.*residual|slip"), "_m"),
     (re.compile(r"(.*_)?(dtheta|theta|heading)"), "_rad"),
     (re.compile(r".*latency"), "_s"),
 )
