@@ -84,7 +84,11 @@ class Estimate(Record):
     pose: Pose | None
     """None while the robot is lost."""
     covariance: NDArray[np.float64]
-    """Of x, y (m²) and θ (rad²): 3 × 3. When lost, that of a uniform distribution over the field."""
+    """Of x, y (m²) and θ (rad²) on the field: 3 × 3. When lost, that of a uniform distribution over the field.
+
+    It supposes that the field half is right. While a pose's `half_known` is False, the pose at half a turn about the field's
+    centre may as well be the true one. It is among the `runners_up`, with its probability.
+    """
     mode: str
     """tracking, global or lost."""
     reason: str | None
@@ -97,7 +101,7 @@ class Estimate(Record):
     tilt_rad: tuple[float, float]
     """Tilt of the robot in this image (docs/methods.md 3.1)."""
     half_known: bool
-    """Is it known which half of the field is which?"""
+    """Is it known which half of the field is which? If not, the pose in the other half is among the `runners_up`."""
     twist: tuple[float, float, float] | None
     """Velocity in the robot frame: forward, left (m/s), turn (rad/s); None while lost."""
     collision: bool
@@ -174,7 +178,7 @@ class Cycle:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Of x, y (m²) and θ (rad²): 3 × 3."""
+        """Of x, y (m²) and θ (rad²) on the field: 3 × 3, if the field half is right (`Estimate.covariance`)."""
         return self.estimate.covariance
 
     @property
