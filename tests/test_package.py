@@ -1,6 +1,8 @@
 """The package as a whole: types, names, and the same modules and examples inside the executable."""
 
+import ast
 import importlib
+import inspect
 import os
 import re
 import subprocess
@@ -85,6 +87,18 @@ def test_example_runs(name: str, interpreter: str, game: Path, tmp_path: Path) -
     start: list[str | Path] = [sys.executable] if interpreter == "python" else [PROGRAM, "script"]
     arguments = [str(argument).format(game=game, out=tmp_path) for argument in EXAMPLES[name]]
     run([*start, ROOT / f"py/examples/{name}.py", *arguments], tmp_path)
+
+
+def test_docstrings_of_the_optics_name_arguments_and_frames() -> None:
+    found = {}
+    for node in ast.parse((PACKAGE / "_core.pyi").read_text()).body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            found[node.name] = ast.get_docstring(node) or ""
+    mount = inspect.signature(mirrorball.Mount).parameters
+    assert [name for name in mount if f"`{name}`" not in found["Mount"]] == []
+    assert "`Estimate.tilt_rad` has the opposite sign" in found["Mount"]
+    for name in ("trace_rays", "trace_points", "ground_map"):
+        assert "robot frame: x forward, y left" in found[name].lower(), name
 
 
 def test_stubs_state_the_compiled_half() -> None:

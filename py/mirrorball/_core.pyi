@@ -96,7 +96,19 @@ class Camera:
 
 @final
 class Mount:
-    """How far camera and mirror sit off from where they should."""
+    """How far camera and mirror sit off from where they should; without arguments, not at all.
+
+    Pairs are along the robot's x (forward) and y (left).
+
+    - `lean_deg`: tilt of the whole rig about the ground point below it, degrees. A positive x moves its top forward, and the
+      camera sees less far ahead. `Estimate.tilt_rad` has the opposite sign (docs/methods.md 3.1).
+    - `mirror_tilt_deg`: tilt of the mirror against the camera's axis about the mirror's apex, degrees. A positive x moves the
+      top of the mirror's axis forward.
+    - `mirror_offset_m`: offset of the mirror's axis from the camera's, metres.
+    - `mirror_raise_m`: height of the mirror above the one that its profile states, metres.
+
+    ValueError for numbers that are not finite.
+    """
 
     def __new__(
         cls,
@@ -125,7 +137,10 @@ class GroundMap:
 def trace_rays(
     *, camera: Camera, profile: Profile, mount: Mount | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Origin (metres) and unit direction of each pixel's ray: rows × columns × 3, NaN off the mirror."""
+    """Origin (metres) and unit direction of each pixel's ray: rows × columns × 3, NaN off the mirror.
+
+    Robot frame: x forward, y left, z up from the ground.
+    """
 
 def trace_points(
     *,
@@ -135,10 +150,16 @@ def trace_points(
     v_px: ArrayLike,
     mount: Mount | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Origin (metres) and unit direction of the rays of n image points: n × 3, NaN off the mirror."""
+    """Origin (metres) and unit direction of the rays of n image points: n × 3, NaN off the mirror.
+
+    Robot frame: x forward, y left, z up from the ground.
+    """
 
 def ground_map(*, camera: Camera, profile: Profile, mount: Mount | None = None) -> GroundMap:
-    """Where each pixel's ray meets the ground."""
+    """Where each pixel's ray meets the ground, in the robot frame: x forward, y left, metres.
+
+    Its origin is the ground point below the pinhole of an upright rig. NaN off the mirror and where a ray meets no ground.
+    """
 
 @final
 class Field:

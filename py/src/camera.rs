@@ -211,7 +211,18 @@ pub(crate) fn camera_or_from_map(
     }
 }
 
-/// How far camera and mirror sit off from where they should.
+/// How far camera and mirror sit off from where they should; without arguments, not at all.
+///
+/// Pairs are along the robot's x (forward) and y (left).
+///
+/// - `lean_deg`: tilt of the whole rig about the ground point below it, degrees. A positive x moves its top forward, and the
+///   camera sees less far ahead. `Estimate.tilt_rad` has the opposite sign (docs/methods.md 3.1).
+/// - `mirror_tilt_deg`: tilt of the mirror against the camera's axis about the mirror's apex, degrees. A positive x moves the
+///   top of the mirror's axis forward.
+/// - `mirror_offset_m`: offset of the mirror's axis from the camera's, metres.
+/// - `mirror_raise_m`: height of the mirror above the one that its profile states, metres.
+///
+/// ValueError for numbers that are not finite.
 #[pyclass(frozen, module = "mirrorball._core")]
 pub(crate) struct Mount(pub(crate) vision::Mount);
 

@@ -28,6 +28,8 @@ fn flat(rays: &[Option<Ray>]) -> (Vec<f32>, Vec<f32>) {
 type RayArrays<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray3<f32>>);
 
 /// Origin (metres) and unit direction of each pixel's ray after the mirror: rows × columns × 3, NaN off the mirror.
+///
+/// Robot frame: x forward, y left, z up from the ground.
 #[pyfunction]
 #[pyo3(signature = (*, camera, profile, mount=None))]
 pub(crate) fn trace_rays<'py>(
@@ -53,6 +55,8 @@ pub(crate) fn trace_rays<'py>(
 type PointArrays<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<f32>>);
 
 /// Origin (metres) and unit direction of the rays of n image points: n × 3, NaN off the mirror.
+///
+/// Robot frame: x forward, y left, z up from the ground.
 #[pyfunction]
 #[pyo3(signature = (*, camera, profile, u_px, v_px, mount=None))]
 pub(crate) fn trace_points<'py>(
@@ -91,7 +95,9 @@ pub(crate) fn trace_points<'py>(
     ))
 }
 
-/// Where each pixel's ray meets the ground.
+/// Where each pixel's ray meets the ground, in the robot frame: x forward, y left, metres.
+///
+/// Its origin is the ground point below the pinhole of an upright rig. NaN off the mirror and where a ray meets no ground.
 #[pyfunction]
 #[pyo3(signature = (*, camera, profile, mount=None))]
 pub(crate) fn ground_map<'py>(
