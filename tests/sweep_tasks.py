@@ -1,6 +1,7 @@
 """Tasks that a sweep's processes can import."""
 
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -46,3 +47,15 @@ def deadly_once(task: dict[str, Any]) -> dict[str, float]:
 def bare(task: Any) -> Any:
     """Returns its task, which is no row."""
     return task
+
+
+def slow_square(value: float) -> dict[str, float]:
+    """Squares a number within a second."""
+    time.sleep(1.0)
+    return {"value": value**2}
+
+
+def slow_cube(value: float) -> dict[str, float]:
+    """Cubes a number within a second."""
+    time.sleep(1.0)
+    return {"value": value**3}

@@ -136,6 +136,20 @@ def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:
     assert found["square"].tolist() == [0.0, 1.0, 4.0]
 
 
+def test_two_sweeps_on_one_cluster_get_their_own_results(tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
+
+        def result(function: Any) -> float:
+            folder = tmp_path / function.__name__
+            found = sweep([3.0], folder=folder, function=function, scheduler=cluster.scheduler_address, progress=False)
+            return float(found["value"][0])
+
+        with ThreadPoolExecutor(2) as pool:
+            assert list(pool.map(result, [sweep_tasks.slow_square, sweep_tasks.slow_cube])) == [9.0, 27.0]
+
+
 TIMES = ("see_ms", "localize_ms", "times_real_time")
 
 

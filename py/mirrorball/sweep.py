@@ -221,10 +221,12 @@ def _run_on_cluster(
     from distributed import as_completed as finished
 
     with Client(scheduler) as client:
-        futures = client.map(function, list(todo.values()), key=list(todo), retries=retries, pure=False)
+        # Sweeps of other functions may have equal tasks, and the scheduler serves all of them.
+        keys = {f"{function_name(function)}-{key}": key for key in todo}
+        futures = client.map(function, list(todo.values()), key=list(keys), retries=retries, pure=False)
         for future in finished(futures):
             error = future.exception()
-            yield future.key, future.result() if error is None else error
+            yield keys[future.key], future.result() if error is None else error
             future.release()
 
 
