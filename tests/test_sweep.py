@@ -259,8 +259,14 @@ def test_invalid_runs_raise_errors_with_their_reasons(tmp_path: Path) -> None:
         mirrorball.simulate(SCENARIO, change={"path.speed": None})
     with pytest.raises(ValueError, match="no_such_preset"):
         mirrorball.simulate(SCENARIO, preset="no_such_preset")
-    with pytest.raises(ValueError, match="duration_s"):
+    with pytest.raises(ValueError, match=r"invalid duration_s: nan \(expected a finite number\)"):
         mirrorball.simulate(SCENARIO, duration_s=float("nan"))
+    with pytest.raises(ValueError, match=r"invalid images: 'bmp' \(expected 'png', 'jpeg', 'none'\)"):
+        mirrorball.simulate(SCENARIO, images="bmp")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="'sed'"):
+        mirrorball.simulate(SCENARIO, sed=3)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="invalid options: seed"):
+        mirrorball.simulate(Run(str(SCENARIO)), seed=3)
     with pytest.raises(FileNotFoundError, match="no_such"):
         mirrorball.simulate(Run("no_such.toml"))
     found = sweep([Run("no_such.toml")], folder=tmp_path, workers=1, progress=False)

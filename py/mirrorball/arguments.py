@@ -102,8 +102,11 @@ def _check(name: str, value: Any, hint: Any) -> None:
         return
     # None: the type is right, the value is not.
     error = ValueError if None in fits else TypeError
-    expected = " or ".join(dict.fromkeys(_words(choice) for choice in _choices(hint) if choice is not type(None)))
-    raise error(invalid(name, value, expected))
+    expected = dict.fromkeys(_words(choice) for choice in _choices(hint) if choice is not type(None))
+    if "a finite number" in expected:
+        # Numpy's types of a number; each whole one is finite.
+        expected.pop("a whole number", None)
+    raise error(invalid(name, value, " or ".join(expected)))
 
 
 def _choices(hint: Any) -> tuple[Any, ...]:
