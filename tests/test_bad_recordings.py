@@ -75,10 +75,22 @@ def test_rows_of_odometry_written_twice_are_refused(drive: Path, tmp_path: Path)
     subprocess.run([PROGRAM, "locate", folder], capture_output=True, check=True)
 
 
-def test_images_of_one_time_are_refused(drive: Path, tmp_path: Path) -> None:
+def test_images_that_share_their_times_are_refused(drive: Path, tmp_path: Path) -> None:
     folder = copy_of(drive, tmp_path / "one_time")
-    write_rows(folder / "frames.csv", [{**row, "stamp_s": "0.5"} for row in rows_of(folder / "frames.csv")])
-    assert f"frames.csv: all {IMAGES} images have stamp_s 0.500" in refusal(folder)
+    rows = rows_of(folder / "frames.csv")
+    write_rows(folder / "frames.csv", [{**row, "stamp_s": "0.5"} for row in rows])
+    assert f"frames.csv: {IMAGES - 1} of {IMAGES} images have the stamp_s of the image before" in refusal(folder)
+    write_rows(folder / "frames.csv", [{**row, "stamp_s": row["stamp_s"].split(".")[0]} for row in rows])
+    assert "images have the stamp_s of the image before" in refusal(folder)
+
+
+@pytest.mark.parametrize(("per_second", "unit"), [(10**3, "milliseconds"), (10**6, "microseconds"), (10**9, "nanoseconds")])
+def test_unix_stamps_of_another_unit_are_named(per_second: int, unit: str, drive: Path, tmp_path: Path) -> None:
+    folder = copy_of(drive, tmp_path / unit)
+    rows = rows_of(folder / "odometry.csv")
+    stamps = [round((1_790_000_000 + float(row["stamp_s"])) * per_second) for row in rows]
+    write_rows(folder / "odometry.csv", [{**row, "stamp_s": str(stamp)} for row, stamp in zip(rows, stamps, strict=True)])
+    assert f"is no time in seconds: {unit}? Divide by {per_second}" in refusal(folder)
 
 
 def doctor(folder: Path) -> dict[str, Any]:

@@ -286,14 +286,13 @@ fn read_images(table: &Path, folder: &Path) -> Result<Vec<RecordedSample>> {
             data: RecordedData::Image(folder.join(row.text("file")?)),
         });
     }
-    if let [first, .., last] = &images[..]
-        && first.stamp == last.stamp
-    {
+    let pairs = images.windows(2);
+    let repeated = pairs.filter(|pair| pair[0].stamp == pair[1].stamp).count();
+    if 2 * repeated >= images.len() {
         bail!(
-            "{}: all {} images have stamp_s {:.3} (expected the time of each exposure, seconds)",
+            "{}: {repeated} of {} images have the stamp_s of the image before (expected the time of each exposure, seconds)",
             table.display(),
-            images.len(),
-            first.stamp.seconds()
+            images.len()
         );
     }
     Ok(images)
@@ -392,7 +391,14 @@ pub(crate) fn parse_stamp(row: CsvRow<'_>) -> Result<Stamp> {
     let seconds = row.number("stamp_s")?;
     // 64 bits of nanoseconds span ±292 years.
     if seconds.abs() > 9e9 {
-        bail!("{}: stamp_s = {seconds} is no time", row.location());
+        let unit = match seconds.abs() {
+            size if size < 9e12 => ": milliseconds? Divide by 1000",
+            size if size < 9e15 => ": microseconds? Divide by 1000000",
+            size if size < 9e18 => ": nanoseconds? Divide by 1000000000",
+            _ => "",
+        };
+        let place = row.location();
+        bail!("{place}: stamp_s = {seconds} is no time in seconds{unit}");
     }
     Ok(Stamp::from_seconds(seconds))
 }

@@ -1,6 +1,6 @@
 //! Checks of arguments that clap cannot make; a failure ends with exit code 2.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -51,16 +51,27 @@ pub(crate) fn image_mode() -> impl TypedValueParser<Value = ImageCompression> {
 pub(crate) fn ensure_distinct_outputs<'a>(
     outputs: impl IntoIterator<Item = Option<&'a Path>>,
 ) -> Result<()> {
-    let mut distinct: Vec<&Path> = Vec::new();
+    let mut distinct: Vec<PathBuf> = Vec::new();
     for path in outputs.into_iter().flatten() {
-        if distinct.contains(&path) {
+        let place = place_of(path);
+        if distinct.contains(&place) {
             return Err(
                 UsageError(format!("same path for two outputs: {}", path.display())).into(),
             );
         }
-        distinct.push(path);
+        distinct.push(place);
     }
     Ok(())
+}
+
+/// The name that an output takes, without links and detours to its folder. A link of that name would be replaced, not followed.
+fn place_of(path: &Path) -> PathBuf {
+    let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let folder = whole.parent().and_then(|folder| folder.canonicalize().ok());
+    match folder.zip(whole.file_name()) {
+        Some((folder, name)) => folder.join(name),
+        None => whole,
+    }
 }
 
 #[cfg(test)]
@@ -80,5 +91,9 @@ mod tests {
         let (a, b) = (Path::new("a.csv"), Path::new("b.csv"));
         assert!(ensure_distinct_outputs([Some(a), None, Some(b)]).is_ok());
         assert!(ensure_distinct_outputs([Some(a), Some(b), Some(a)]).is_err());
+        for spelling in ["./a.csv", "src/../a.csv"] {
+            let same = Path::new(spelling);
+            assert!(ensure_distinct_outputs([Some(a), Some(same)]).is_err());
+        }
     }
 }
