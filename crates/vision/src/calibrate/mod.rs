@@ -130,7 +130,7 @@ pub enum CalibrationError {
         nearer.abs(),
         if *nearer > 0.0 { "nearer to" } else { "farther from" }
     )]
-    Strip {
+    StripElsewhere {
         /// By how much they are nearer, metres.
         nearer: f64,
     },

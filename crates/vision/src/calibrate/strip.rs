@@ -148,7 +148,7 @@ fn ensure_bars_are_numbered(
 ) -> Result<(), CalibrationError> {
     match median(distance_offsets) {
         Some(offset) if offset.abs() > 0.5 * strip.spacing => {
-            Err(CalibrationError::Strip { nearer: offset })
+            Err(CalibrationError::StripElsewhere { nearer: offset })
         }
         _ => Ok(()),
     }
