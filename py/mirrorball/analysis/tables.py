@@ -139,8 +139,8 @@ def points(log: Log | str | Path, *, start_s: float | None = None, stop_s: float
 def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
     """One row an image (of each `every`-th): mean brightness 0 to 255, share of saturated and of black pixels, entropy.
 
-    The entropy is nubot2013 eq. 5: −Σ P·ln P over 256 levels, summed over red, green and blue. The black surround of a
-    mirror counts like everything else, so that values compare within one camera only.
+    The entropy is nubot2013 eq. 5 in bits, as in the log: −Σ P·log₂ P over 256 levels, summed over red, green and blue (at most
+    24). The black surround of a mirror counts like everything else, so that values compare within one camera only.
     """
     require_at_least("every", every, 1)
     rows = []
@@ -150,7 +150,7 @@ def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
         entropy = 0.0
         for channel in range(3):
             share = np.bincount(image[:, :, channel].ravel(), minlength=256) / image[:, :, channel].size
-            entropy -= float(np.sum(share[share > 0.0] * np.log(share[share > 0.0])))
+            entropy -= float(np.sum(share[share > 0.0] * np.log2(share[share > 0.0])))
         brightest = image.max(axis=2)
         saturated, black = float((brightest >= 250).mean()), float((brightest <= 5).mean())
         rows.append((stamp, float(image.mean()), saturated, black, entropy))
