@@ -74,6 +74,8 @@ pub struct NearestMarking {
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceField {
     cells: Vec<Cell>,
+    /// 1 for each cell whose nearest place is the end of a line that meets no other, else 0. Empty on a field without such ends.
+    free_ends: Vec<f32>,
     columns: usize,
     rows: usize,
     cell: f32,
@@ -104,8 +106,20 @@ impl DistanceField {
             };
             rows.fill(cells, &field.markings);
         });
+        let mut free_ends = Vec::new();
+        let ends = find_free_ends(&field.markings);
+        if !ends.is_empty() {
+            free_ends.extend(cells.iter().enumerate().map(|(index, near)| {
+                let centre = [
+                    x0 + (index % columns) as f32 * cell,
+                    y0 + (index / columns) as f32 * cell,
+                ];
+                f32::from(u8::from(is_at_end(near, centre, &ends)))
+            }));
+        }
         DistanceField {
             cells,
+            free_ends,
             columns,
             rows,
             cell,
@@ -183,9 +197,26 @@ impl DistanceField {
         [distance, normal_x, normal_y]
     }
 
+    /// 1 for each of several places that is nearest to a free end of a line, else 0. None on a field without such ends.
+    pub(super) fn free_end_lanes<const N: usize>(
+        &self,
+        x: &[f32; N],
+        y: &[f32; N],
+    ) -> Option<[f32; N]> {
+        (!self.free_ends.is_empty()).then(|| {
+            std::array::from_fn(|k| {
+                let column = ((x[k] - self.x0) * self.cells_per_metre + 0.5) as usize;
+                let row = ((y[k] - self.y0) * self.cells_per_metre + 0.5) as usize;
+                let column = column.min(self.columns - 1);
+                let row = row.min(self.rows - 1);
+                self.free_ends[row * self.columns + column]
+            })
+        })
+    }
+
     /// Memory held, bytes.
     pub fn memory_bytes(&self) -> usize {
-        self.cells.len() * size_of::<Cell>()
+        self.cells.len() * size_of::<Cell>() + self.free_ends.len() * size_of::<f32>()
     }
 }
 
@@ -241,6 +272,40 @@ impl Rows {
             }
         }
     }
+}
+
+/// Ends of lines that lie on no other marking.
+fn find_free_ends(markings: &[Marking]) -> Vec<[f32; 2]> {
+    /// Nearer to a marking, an end lies on it, metres: drawings are as exact.
+    const ON_MARKING: f32 = 0.05;
+    let ends = markings.iter().enumerate().filter_map(|(index, marking)| {
+        let Marking::Line { from, to } = *marking else {
+            return None;
+        };
+        Some([from, to].map(|end| (index, [end.x, end.y])))
+    });
+    let meets_another = |index: usize, [x, y]: [f32; 2]| {
+        let others = markings
+            .iter()
+            .enumerate()
+            .filter(|(other, _)| *other != index);
+        let mut distances = others.map(|(_, other)| tangent(other, x, y).signed_distance.abs());
+        distances.any(|distance| distance < ON_MARKING)
+    };
+    ends.flatten()
+        .filter(|(index, end)| !meets_another(*index, *end))
+        .map(|(_, end)| end)
+        .collect()
+}
+
+/// Is a cell's nearest place one of these ends?
+fn is_at_end(cell: &Cell, [x, y]: [f32; 2], ends: &[[f32; 2]]) -> bool {
+    let nearest = [
+        x - cell.signed_distance * cell.normal_x,
+        y - cell.signed_distance * cell.normal_y,
+    ];
+    let off = |end: &[f32; 2]| math::hypot(nearest[0] - end[0], nearest[1] - end[1]);
+    cell.curvature == 0.0 && ends.iter().any(|end| off(end) < ROUNDING)
 }
 
 /// A marking as seen from (x, y): signed distance and normal, without cells.
@@ -391,6 +456,29 @@ mod tests {
                 assert_eq!(*stored, nearest_tangent(field.markings.iter(), x, y));
             }
         }
+    }
+
+    #[test]
+    fn ends_are_free_that_lie_on_no_other_marking() {
+        assert_eq!(
+            find_free_ends(&league_18x12("centres").markings),
+            Vec::<[f32; 2]>::new()
+        );
+        let line = |from: [f32; 2], to: [f32; 2]| {
+            let point = |[x, y]: [f32; 2]| crate::frames::At::new(x, y);
+            Marking::Line {
+                from: point(from),
+                to: point(to),
+            }
+        };
+        // A T whose stem ends at 3 m.
+        let markings = [line([0.0, -2.0], [0.0, 2.0]), line([0.0, 0.0], [3.0, 0.0])];
+        let expected = vec![[0.0, -2.0], [0.0, 2.0], [3.0, 0.0]];
+        assert_eq!(find_free_ends(&markings), expected);
+        let beyond = nearest_tangent(markings.iter(), 3.2, 0.1);
+        assert!(is_at_end(&beyond, [3.2, 0.1], &expected));
+        let beside = nearest_tangent(markings.iter(), 2.8, 0.1);
+        assert!(!is_at_end(&beside, [2.8, 0.1], &expected));
     }
 
     #[test]

@@ -18,6 +18,10 @@ pub(super) struct PreparedPoint {
     pub(super) radial_excess_variance: f32,
 }
 
+/// Standard deviation of where a line ends by the last point on it, metres: the distance between points. Points lie anywhere along a line,
+/// so one beyond its end says that the robot is nearer, and none says nothing: it is no measurement as exact as across the line.
+const FREE_END_STD: f32 = 0.1;
+
 /// Sums over the points at one pose.
 pub(super) struct NormalEquations {
     pub(super) normal: Matrix5,
@@ -174,11 +178,17 @@ impl LaneRows {
         let [distance, nx, ny] = distances.nearest_lanes(&field_x, &field_y);
         let inverse_height = 1.0 / pass.height;
         let mut rows = [[0.0; LANES]; PARAMETERS];
+        let end_variance = distances
+            .free_end_lanes(&field_x, &field_y)
+            .map_or([0.0; LANES], |ends| {
+                ends.map(|end| end * FREE_END_STD * FREE_END_STD)
+            });
         let mut variance = [0.0; LANES];
         for k in 0..LANES {
             let radial = nx[k] * rx[k] + ny[k] * ry[k];
-            variance[k] =
-                points.tangential_variance[k] + points.radial_excess_variance[k] * radial * radial;
+            variance[k] = points.tangential_variance[k]
+                + points.radial_excess_variance[k] * radial * radial
+                + end_variance[k];
             // By the tilt: docs/methods.md 3.5.
             let along = radial * inverse_height;
             rows[0][k] = nx[k];
