@@ -72,6 +72,42 @@ extra_lines = [
 extra_arcs = [[0.0, 0.0, 1.2, 0.0, 360.0]]
 """
 
+SHORT_FIELD = """
+length = 9.0
+width = 6.0
+measured_to = "centres"
+line_width = 0.05
+border = 0.7
+centre_circle_radius = 0.75
+spot_radius = 0.05
+penalty_spot = 1.3
+goal_area = { depth = 0.6, width = 2.2 }
+penalty_area = { depth = 1.65, width = 4.0 }
+"""
+SHORT_FIELD_DRIVE = """
+robot = "robots/default.toml"
+field = "fields/msl_18x12.toml"
+seed = 3
+duration = 20.0
+frame_rate_hz = 10.0
+start = { x = -2.7, y = -1.2, theta_deg = 20.0 }
+[path]
+speed = 1.0
+turn_rate_deg = 60.0
+repeat = true
+waypoints = [
+  { x = 0.45, y = -1.8, theta_deg = 60.0 },
+  { x = 3.15, y = -1.5, theta_deg = 150.0 },
+  { x = 2.7, y = 1.8, theta_deg = 240.0 },
+  { x = -2.25, y = 1.8, theta_deg = 330.0 },
+  { x = -3.15, y = -1.5, theta_deg = -90.0 },
+]
+[ball]
+present = false
+[people]
+count = 0
+"""
+
 
 def run(*arguments: str | Path) -> tuple[dict[str, Any], str]:
     """The JSON result and what went to standard error. The doctor exits with 1 if it warns or compares nothing."""
@@ -433,6 +469,33 @@ def test_centre_that_only_the_wheels_tell_is_named(gym_drive: Path, tmp_path: Pa
     assert abs(float(edit[1]) - 239.3) < 0.7 and abs(float(edit[2]) - 240.6) < 0.7
     warnings = assert_not_confidently_wrong(folder, tmp_path / "poses.csv")
     assert any("centre_px" in warning for warning in warnings), warnings
+
+
+@pytest.fixture(scope="module")
+def short_field_drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive on a field on which a tilted mount explains the line points of a wrong centre nearly as well."""
+    work = tmp_path_factory.mktemp("short")
+    for part in ("mirrors", "robots"):
+        shutil.copytree(ROOT / "config" / part, work / part)
+    (work / "fields").mkdir()
+    (work / "fields/msl_18x12.toml").write_text(SHORT_FIELD)
+    (work / "drive.toml").write_text(SHORT_FIELD_DRIVE)
+    run("sim", work / "drive.toml", "--record", work / "drive.mcap")
+    run("replay", work / "drive.mcap", "--export", work / "drive")
+    robot = work / "drive/robot.toml"
+    robot.write_text(robot.read_text().replace('[map]\nfile = "map.npz"\n', ""))
+    return work / "drive"
+
+
+@pytest.mark.parametrize("shift", [(-17.3, 14.4), (0.0, 21.4), (16.7, -14.6)])
+def test_centre_that_a_learned_mount_would_hide_is_named(
+    short_field_drive: Path, shift: tuple[float, float], tmp_path: Path
+) -> None:
+    folder = copy_of(short_field_drive, tmp_path / "drive")
+    move_centre(folder, *shift)
+    warnings = assert_not_confidently_wrong(folder, tmp_path / "poses.csv")
+    assert "centre_px = [239" in warnings[0] and not any("radii" in warning for warning in warnings), warnings
+    assert all(row["reason"] == "doubtful set-up" for row in poses(tmp_path / "poses.csv"))
 
 
 def test_wheels_that_turn_about_another_point_are_not_taken_for_a_wrong_centre(gym_drive: Path, tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ mod variant;
 use std::path::Path;
 
 use anyhow::Result;
-use localize::setup_check::{Explanation, compare};
+use localize::setup_check::compare;
 use vision::calibrate::Rim;
 
 pub use collector::KeyframeCollector;
@@ -66,7 +66,7 @@ use expected_mount::ExpectedMount;
 use image_age::ImageAge;
 use latency::OtherLatency;
 use odometry_coverage::OdometryGaps;
-use origin_offset::OriginOffset;
+use origin_offset::{OriginOffset, compare_with_offsets};
 use pose_covariance::added_pose_covariance;
 use variant::SetupVariant;
 
@@ -236,8 +236,13 @@ fn check_findings(
         }
     };
     let (mut report, with_mount) = check_points(setup, config, &by_mount, findings, effort);
+    let centre = centre_beside_mount(&assessment, &with_mount);
+    let is_better = |centre: &Improvement| {
+        compare_with_offsets(&with_mount.configured, &centre.explanation).is_better()
+    };
     if field_is_better_than_mount(&assessment, &with_mount)
         || lines_are_better_than_mount(&assessment, &with_mount)
+        || centre.as_ref().is_some_and(is_better)
     {
         return given;
     }
@@ -245,7 +250,10 @@ fn check_findings(
         figures.mount_learned = true;
     }
     report.map_fit = Some(map_fit);
-    if let Some(centre) = centre_as_good_as_mount(&assessment, &with_mount) {
+    let is_as_good = |centre: &Improvement| {
+        centre.explanation.on_markings() > with_mount.configured.on_markings() - EQUAL_SHARE
+    };
+    if let Some(centre) = centre.filter(is_as_good) {
         let improvements = vec![vec![centre]];
         report.add_improvements(
             setup,
@@ -279,19 +287,16 @@ fn lines_are_better_than_mount(given: &Assessment, with_mount: &Assessment) -> b
     })
 }
 
-/// Another centre of the mirror's image that explains the points `given` by the map as well as the mount does, which is learned all the
-/// same.
-fn centre_as_good_as_mount(given: &Assessment, with_mount: &Assessment) -> Option<Improvement> {
+/// Another centre of the mirror's image beside the map as `given`, which the mount hides. A tilted mount moves the ground much as the
+/// centre does, but not the point that the wheels turn about.
+fn centre_beside_mount(given: &Assessment, with_mount: &Assessment) -> Option<Improvement> {
     let centre = |assessment: &Assessment| {
         let mut changes = assessment.improvements.iter().flatten();
         changes
             .find(|found| matches!(found.change, Change::Centre(_)))
             .cloned()
     };
-    let found = centre(given).filter(|_| centre(with_mount).is_none())?;
-    let [with_mount, with_centre] =
-        [&with_mount.configured, &found.explanation].map(Explanation::on_markings);
-    (with_centre > with_mount - EQUAL_SHARE).then_some(found)
+    centre(given).filter(|_| centre(with_mount).is_none())
 }
 
 /// Checks a set-up by keyframes with the points of one map. Second: what the trials found.

@@ -10,6 +10,7 @@ use nalgebra::Matrix3;
 use super::assess::{Improvement, Trial};
 use super::change::Change;
 use super::measurements::MeasuredKeyframe;
+use super::origin_offset::OriginOffset;
 use super::variant::SetupVariant;
 use localize::wheel_steps::{
     MatrixFit, MeasuredStep, angle_between, factor_between, matrix_between, matrix_gain,
@@ -144,13 +145,18 @@ impl Trial<'_> {
         if total.matrix.fixed_view::<2, 2>(0, 0).determinant().abs() < DETERMINANT_MIN {
             return None;
         }
-        let found = self.evaluate(variant, now, vec![Change::WheelMatrix(total)]);
-        let (change, mut improvement) = found.into_iter().next()?;
-        improvement.comparison.gain -= cost;
         let mut wrong = total.matrix - Matrix3::identity();
         // An offset may be that of the map's origin.
         (wrong[(0, 2)], wrong[(1, 2)]) = (0.0, 0.0);
-        if wrong.abs().max() > MATRIX_MIN {
+        let is_wrong = wrong.abs().max() > MATRIX_MIN;
+        if !is_wrong && OriginOffset::find(now).is_some() {
+            // Wheels of other radii or directions are wrong in other elements, too: poses about another point are the likelier mistake.
+            return None;
+        }
+        let found = self.evaluate(variant, now, vec![Change::WheelMatrix(total)]);
+        let (change, mut improvement) = found.into_iter().next()?;
+        improvement.comparison.gain -= cost;
+        if is_wrong {
             let gain = matrix_gain(&now.steps(), &total.matrix) - cost;
             improvement.comparison.gain = improvement.comparison.gain.max(gain);
             improvement.by_steps = gain > MATRIX_GAIN_MIN;

@@ -4,6 +4,7 @@
 //! the robot, but the wheels can, in turns (docs/methods.md 16.2).
 
 use localize::Field;
+use localize::frames::Tf;
 use localize::math;
 use localize::setup_check::{Comparison, Explanation, FieldTables, compare, refine};
 use nalgebra::{Matrix2, Matrix3, Vector2};
@@ -94,11 +95,12 @@ impl Trial<'_> {
                 probe(Vector2::new(0.0, PROBE_PX))?,
             ];
             shift -= Matrix2::from_columns(&columns).try_inverse()? * remaining.at;
+            let moved = without_offset(start, remaining.at);
             let [u, v] = (shift - Vector2::from(variant.centre_shift)).into();
             if !(math::hypot(u, v) <= REACH_PX) {
                 return None;
             }
-            let next = explain_at(shift, start);
+            let next = explain_at(shift, &moved);
             remaining = OriginOffset::measure(&next.2)?;
             best = Some(next);
         }
@@ -111,6 +113,16 @@ impl Trial<'_> {
             explanation,
         })
     }
+}
+
+/// The poses of the point that the wheels turn about: another centre moves them there by more than a search near them reaches.
+fn without_offset(explanation: &Explanation, offset: Vector2<f32>) -> Explanation {
+    let back = Tf::new(-offset.x, -offset.y, 0.0);
+    let mut moved = explanation.clone();
+    for fit in &mut moved.keyframes {
+        fit.pose = fit.pose.map(|pose| pose * back);
+    }
+    moved
 }
 
 /// As [`compare`], with the gain of the wheels' steps in turns, which single keyframes are too uncertain for.

@@ -3,10 +3,17 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use localize::Field;
 use localize::math;
+use localize::setup_check::WheelMotion;
+use localize::synthetic::drive::{SyntheticDrive, SyntheticDriveConfig};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 
 use super::ranges::{RangeFinding, check_ranges};
+use super::{Effort, MeasuredKeyframe, SetupReport, check};
 use crate::recording::{Recording, Table};
+use crate::setup::Setup;
 
 /// Ten seconds at 20 Hz of a robot that turns at 1 rad/s. Arguments: factor of the images' stamps, factor of the turns,
 /// and heading of the compass by time.
@@ -114,4 +121,50 @@ fn odometry_of_positions_is_named_and_that_of_another_unit_is_not() {
         found(&|time| velocity(time).map(|v| 10.0 * v * noise(time))),
         []
     );
+}
+
+/// The report of a drive whose wheels measure `wheels` of each motion (metres, metres, radians).
+fn report_of_drive(wheels: impl Fn([f32; 3]) -> [f32; 3]) -> SetupReport {
+    let path = crate::paths::find_resource("config/fields/msl_12x8.toml").expect("a file");
+    let field = Field::load(&path).expect("a field");
+    let random = ChaCha8Rng::seed_from_u64(7);
+    let drive = SyntheticDrive::new(&field, SyntheticDriveConfig::default(), random);
+    let mut measured: Vec<MeasuredKeyframe> = Vec::new();
+    let mut rows = Vec::new();
+    for sample in drive {
+        let odometry = sample.odometry;
+        rows.push([odometry.dx, odometry.dy, odometry.dtheta]);
+        let motion = WheelMotion::from_increments(&rows);
+        if !measured.is_empty() && motion.path + 0.5 * motion.turned < 1.0 {
+            continue;
+        }
+        let rows = std::mem::take(&mut rows).into_iter().map(&wheels);
+        measured.push(MeasuredKeyframe {
+            stamp: sample.stamp,
+            points: sample.points,
+            odometry: (!measured.is_empty()).then(|| rows.collect()),
+            ..MeasuredKeyframe::default()
+        });
+        if measured.len() == 40 {
+            break;
+        }
+    }
+    let setup = Setup::without_camera(field);
+    check(&setup, &Default::default(), &measured, Effort::Brief)
+}
+
+#[test]
+fn wheels_that_turn_about_another_point_are_not_taken_for_wrong_radii() {
+    let report = report_of_drive(|[dx, dy, turn]| [dx - 0.4 * turn, dy + 0.5 * turn, turn]);
+    assert_eq!(report.suggestions, [], "{:?}", report.warnings);
+    assert!(report.warnings[0].contains("turn about"), "{report:?}");
+    let covariance = report.added_pose_covariance.expect("doubtful poses");
+    let std = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
+    assert!((std - math::hypot(0.4, 0.5)).abs() < 0.1, "{std} m");
+    let report = report_of_drive(|[dx, dy, turn]| [1.15 * dx, dy, turn]);
+    assert!(
+        report.suggestions[0].change.contains("matrix"),
+        "{report:?}"
+    );
+    assert_eq!(report.added_pose_covariance, None);
 }
