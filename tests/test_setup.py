@@ -520,6 +520,8 @@ def test_path_in_millimetres_is_named(gym_drive: Path, tmp_path: Path) -> None:
     result, _ = run("doctor", "--recording", folder)
     edit = "odometry.csv: convert dx_m and dy_m from millimetres"
     assert edit in result["suggestions"][0]["change"], result["suggestions"]
+    # The inertial unit contradicts these wheels, and is right.
+    assert len(result["warnings"]) == 1, result["warnings"]
 
 
 def test_wrong_radius_of_a_drawn_circle_is_named(gym_drive: Path, tmp_path: Path) -> None:

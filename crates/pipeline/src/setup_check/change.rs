@@ -76,6 +76,17 @@ pub(super) enum Change {
 }
 
 impl Change {
+    /// Does it take the wheels' path or turns in another unit, or along other axes?
+    pub(super) fn is_unit_or_axis_of_wheels(&self) -> bool {
+        matches!(
+            self,
+            Change::OdometryRotationInDegrees
+                | Change::OdometryScale(_)
+                | Change::OdometryAxes { .. }
+                | Change::OdometryFixedAxes(_)
+        )
+    }
+
     /// Does it correct wheels by more than a filter learns while driving? Poses are better without them.
     pub(super) fn exceeds_learned_wheels(&self) -> bool {
         let Change::WheelMatrix(MatrixFit { matrix, std }) = self else {

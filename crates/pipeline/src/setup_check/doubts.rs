@@ -5,7 +5,6 @@ use localize::{Stamp, math};
 use nalgebra::Matrix3;
 
 use super::assess::{Assessment, FIRM_MIN};
-use super::change::Change;
 use super::dead_sensors::FIT_FINE;
 use super::inertial;
 use super::latency::OtherLatency;
@@ -52,15 +51,8 @@ impl SetupReport {
             }
         } else {
             let known = |table| ranges.iter().any(|finding| finding.table == table);
-            let is_named = assessment.improvements.iter().flatten().any(|found| {
-                matches!(
-                    found.change,
-                    Change::OdometryScale(_)
-                        | Change::OdometryAxes { .. }
-                        | Change::OdometryFixedAxes(_)
-                        | Change::OdometryRotationInDegrees
-                )
-            });
+            let mut changes = assessment.improvements.iter().flatten();
+            let is_named = changes.any(|found| found.change.is_unit_or_axis_of_wheels());
             if let Some(path) = still_path.filter(|_| !is_named) {
                 let place = self.sensors.place(Table::Odometry);
                 self.doubt(format!(
@@ -210,16 +202,14 @@ impl SetupReport {
             self.doubt_stamps(Table::Imu, "turns", late);
             return;
         }
-        let has_other_axes = assessment.has_edit(|change| {
-            matches!(
-                change,
-                Change::OdometryAxes { .. } | Change::OdometryFixedAxes(_)
-            )
+        // The unit is compared with the wheels as they were measured, which such an edit calls wrong.
+        let are_wheels_wrong = assessment.has_edit(|change| {
+            change.is_unit_or_axis_of_wheels() || change.exceeds_learned_wheels()
         });
         let wheels_agree = explained
             .wheels_agree()
             .is_none_or(|share| share > FIT_FINE);
-        let fault = inertial::find_fault(measured, explained, wheels_agree && !has_other_axes);
+        let fault = inertial::find_fault(measured, explained, wheels_agree && !are_wheels_wrong);
         if let Some(fault) = fault {
             self.unusable.push(Table::Imu);
             let place = self.sensors.place(Table::Imu);

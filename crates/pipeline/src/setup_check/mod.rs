@@ -414,25 +414,19 @@ fn leave_out_wrong_tables(
     assessment: &Assessment,
     ranges: &mut Vec<RangeFinding>,
 ) {
-    let named = |change: fn(&Change) -> bool| {
-        let all = assessment.improvements.iter().flatten();
-        all.clone().any(|improvement| change(&improvement.change))
-    };
-    let compass = named(|change| *change == Change::CompassInDegrees);
-    let turns = named(|change| {
-        matches!(
-            change,
-            Change::OdometryRotationInDegrees
-                | Change::OdometryScale(_)
-                | Change::OdometryAxes { .. }
-                | Change::OdometryFixedAxes(_)
-        )
-    }) || assessment.has_edit(Change::exceeds_learned_wheels);
+    let all = assessment.improvements.iter().flatten();
+    let compass = all
+        .clone()
+        .any(|found| found.change == Change::CompassInDegrees);
+    let wheels = all
+        .clone()
+        .any(|found| found.change.is_unit_or_axis_of_wheels())
+        || assessment.has_edit(Change::exceeds_learned_wheels);
     if compass {
         report.unusable.push(Table::Compass);
         ranges.retain(|finding| finding.table != Table::Compass);
     }
-    if turns {
+    if wheels {
         report.unusable.push(Table::Odometry);
         ranges.retain(|finding| finding.table != Table::Odometry);
     }
