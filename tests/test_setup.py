@@ -513,12 +513,13 @@ def test_wheels_that_turn_about_another_point_are_not_taken_for_a_wrong_centre(g
     assert any("turn about" in warning or "odometry" in warning for warning in result["warnings"]), result["warnings"]
 
 
-def test_path_in_millimetres_is_named(gym_drive: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("unit, per_metre", [("millimetres", 1000.0), ("inches", 39.37), ("feet", 3.281)])
+def test_unit_of_the_path_is_named(gym_drive: Path, unit: str, per_metre: float, tmp_path: Path) -> None:
     folder = copy_of(gym_drive, tmp_path / "drive")
     for column in ("dx_m", "dy_m"):
-        scale_column(folder / "odometry.csv", column, 1000.0)
+        scale_column(folder / "odometry.csv", column, per_metre)
     result, _ = run("doctor", "--recording", folder)
-    edit = "odometry.csv: convert dx_m and dy_m from millimetres"
+    edit = f"odometry.csv: convert dx_m and dy_m from {unit}"
     assert edit in result["suggestions"][0]["change"], result["suggestions"]
     # The inertial unit contradicts these wheels, and is right.
     assert len(result["warnings"]) == 1, result["warnings"]

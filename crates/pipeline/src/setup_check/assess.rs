@@ -90,8 +90,8 @@ const POINTS_FINE: f32 = 0.93;
 pub(super) const SENSORS_FINE: f32 = 0.9;
 /// Agreement of the wheels below which their unit is tried.
 const SCALES_TRIED_BELOW: f32 = 0.5;
-/// Factors of the wheels' path: centimetres, millimetres, and the opposite confusions.
-const ODOMETRY_SCALES: [f32; 4] = [0.01, 0.001, 100.0, 1000.0];
+/// Factors of the wheels' path: millimetres, centimetres, inches, feet, and the opposite confusions of the metric units.
+const ODOMETRY_SCALES: [f32; 6] = [0.001, 0.01, 0.0254, 0.3048, 100.0, 1000.0];
 /// Share of points below which a field may be an arbitrary one.
 const ARBITRARY_MAX: f32 = 0.75;
 

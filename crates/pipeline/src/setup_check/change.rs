@@ -194,15 +194,13 @@ impl Change {
             }
             Change::CameraTurn(angle) => turn_text(setup, after, *angle),
             Change::OdometryScale(scale) if *scale < 1.0 => {
-                let unit = if *scale < 0.005 {
-                    "millimetres"
-                } else {
-                    "centimetres"
+                let (unit, edit) = match scale {
+                    0.0..0.005 => ("millimetres", "divide by 1000"),
+                    0.005..0.02 => ("centimetres", "divide by 100"),
+                    0.02..0.1 => ("inches", "multiply by 0.0254"),
+                    _ => ("feet", "multiply by 0.3048"),
                 };
-                let divisor = (1.0 / scale).round();
-                format!(
-                    "odometry.csv: convert dx_m and dy_m from {unit} to metres (divide by {divisor})"
-                )
+                format!("odometry.csv: convert dx_m and dy_m from {unit} to metres ({edit})")
             }
             Change::OdometryScale(scale) => {
                 format!("odometry.csv: multiply dx_m and dy_m by {scale}")
