@@ -7,7 +7,7 @@ use nalgebra::Matrix3;
 use super::assess::{Assessment, FIRM_MIN};
 use super::dead_sensors::FIT_FINE;
 use super::inertial;
-use super::latency::OtherLatency;
+use super::latency::{OtherLatency, YOUTH_MIN};
 use super::measurements::MeasuredKeyframe;
 use super::origin_offset::OriginOffset;
 use super::pose_covariance::unknown_pose_covariance;
@@ -81,7 +81,8 @@ impl SetupReport {
             pose_error,
         } = latency;
         let late = configured - age;
-        self.doubt(if *age < 0.0 {
+        // No image is from the future. One that seems to be so by less than is ever named may be of its stamp's time.
+        self.doubt(if *age < -YOUTH_MIN {
             let edit = match self.sensors {
                 SensorSource::Tables => {
                     format!("odometry.csv: subtract {late:.3} from stamp_s, or let the base stamp its samples earlier")
@@ -93,6 +94,7 @@ impl SetupReport {
                 1e3 * late,
             )
         } else {
+            let age = age.max(0.0);
             format!(
                 "the images seem {:.0} ms older than their stamps, the set-up says {:.0} ms: robot.toml: [timing] camera_latency = {age:.3}, if `mirrorball calibrate latency` finds it by the gyro, too; else the stamps of {} are {}, or the wheels slip",
                 1e3 * age,

@@ -26,7 +26,7 @@ const STD_MIN: f32 = 0.05;
 /// A smaller difference from the configured latency is no mistake, seconds, and a less certain one.
 const AGE_MIN: f32 = 0.018;
 /// Images that seem younger than configured are wheels that slip, as a rule.
-const YOUTH_MIN: f32 = 0.03;
+pub(super) const YOUTH_MIN: f32 = 0.03;
 const AGE_SIGMAS: f32 = 5.0;
 
 /// A latency that differs from the configured one.

@@ -10,6 +10,7 @@ use localize::synthetic::drive::{SyntheticDrive, SyntheticDriveConfig};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use super::latency::OtherLatency;
 use super::ranges::{RangeFinding, check_ranges};
 use super::{Effort, MeasuredKeyframe, SetupReport, check};
 use crate::recording::{Recording, Table};
@@ -167,4 +168,24 @@ fn wheels_that_turn_about_another_point_are_not_taken_for_wrong_radii() {
         "{report:?}"
     );
     assert_eq!(report.added_pose_covariance, None);
+}
+
+#[test]
+fn latency_that_is_set_too_high_is_named_before_the_stamps_of_the_wheels() {
+    let doubt = |age: f32, configured: f32| {
+        let mut report = SetupReport::default();
+        let wheels = nalgebra::Matrix3::identity();
+        report.doubt_latency(&OtherLatency::new(age, configured, &[], &wheels));
+        report.warnings.remove(0)
+    };
+    let text = doubt(-0.004, 0.1);
+    let [latency, stamps] =
+        ["camera_latency = 0.000", "odometry.csv are late"].map(|part| text.find(part));
+    assert!(latency.is_some() && latency < stamps, "{text}");
+    // No latency explains images from the future.
+    for configured in [0.0, 0.05] {
+        let text = doubt(-0.1, configured);
+        assert!(!text.contains("camera_latency"), "{text}");
+        assert!(text.contains("odometry.csv: subtract"), "{text}");
+    }
 }
