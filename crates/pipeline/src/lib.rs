@@ -18,6 +18,7 @@ pub mod simulation;
 
 pub mod corrected_map;
 pub mod cycle;
+pub mod doubted_poses;
 mod features;
 mod interlace;
 pub mod observations;

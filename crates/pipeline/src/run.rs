@@ -17,6 +17,7 @@ use vision::config::ObjectDetectionConfig;
 use crate::config::PipelineConfig;
 use crate::corrected_map;
 use crate::cycle::Cycle;
+use crate::doubted_poses::DoubtedPoses;
 use crate::image_faults::ImageFaults;
 use crate::log::{LogConfig, LogStats, Recorder, start_log};
 use crate::misplaced_images::MisplacedImages;
@@ -164,11 +165,14 @@ impl ScenarioRun {
             setup,
             config,
             keyframes,
+            doubted,
         } = single.run(on_progress)?;
         let summary = summary(started, scores);
         let report = setup_check::check(&setup, &config, &keyframes.keyframes(), Effort::Brief);
+        let mut warnings = report.warnings;
+        warnings.extend(doubted.warning());
         Ok(RunSummary {
-            warnings: report.warnings,
+            warnings,
             setup: report.figures,
             ..summary
         })
@@ -200,6 +204,7 @@ struct SingleRobotOutcome {
     setup: Setup,
     config: PipelineConfig,
     keyframes: KeyframeCollector,
+    doubted: DoubtedPoses,
 }
 
 impl SingleRobotRun {
@@ -236,11 +241,13 @@ impl SingleRobotRun {
         } = self;
         let mut statistics = RunStatistics::new(&setup);
         let mut keyframes = KeyframeCollector::new(&setup, &config.localize.filter);
+        let mut doubted = DoubtedPoses::default();
         let mut finish: fn(Recorder) -> Result<LogStats> = Recorder::finish;
         simulation.run(&mut pipeline, |cycle| {
             let cycle = Arc::new(cycle);
             statistics.add_cycle(&cycle, score::cycle_error(&cycle));
             keyframes.add_cycle(&cycle);
+            doubted.add(&cycle);
             let flow = on_progress(Progress {
                 seconds: cycle.stamp.seconds(),
                 cycle: Some(&cycle),
@@ -259,6 +266,7 @@ impl SingleRobotRun {
             setup,
             config,
             keyframes,
+            doubted,
         })
     }
 }
@@ -446,6 +454,7 @@ impl RecordingRun {
         let mut image_faults = ImageFaults::default();
         let mut misplaced = MisplacedImages::default();
         let mut leaps = PoseLeaps::new(setup.robot.odometry);
+        let mut doubted = DoubtedPoses::default();
         let files = recording.image_files();
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
@@ -460,6 +469,7 @@ impl RecordingRun {
             image_faults.add_cycle(&cycle, file);
             misplaced.add(&cycle.estimate);
             leaps.add(&cycle);
+            doubted.add(&cycle);
             let pose = cycle.estimate.pose;
             let error = pose.and_then(|pose| score::pose_error(&truth, cycle.stamp, pose));
             statistics.add_cycle(&cycle, error);
@@ -489,7 +499,11 @@ impl RecordingRun {
         let summary = statistics.summary();
         let mut warnings = report.warnings;
         warnings.extend(few_located(&summary, points_min));
-        let path_warnings = [misplaced.warning(&files), leaps.warning()];
+        let path_warnings = [
+            misplaced.warning(&files),
+            leaps.warning(),
+            doubted.warning(),
+        ];
         let path_warnings: Vec<String> = path_warnings.into_iter().flatten().collect();
         warnings.extend(path_warnings.iter().cloned());
         let coverage = pipeline.scan_coverage();

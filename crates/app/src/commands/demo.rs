@@ -14,6 +14,7 @@ use crate::commands::locate::EXTERNAL_POINT_STD;
 use crate::interrupt;
 use crate::pictures::annotate::draw_detections;
 use crate::pictures::field::{FieldDrawing, ink, side_by_side};
+use pipeline::doubted_poses::DoubtedPoses;
 use pipeline::log::start_log;
 use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::paths;
@@ -80,12 +81,14 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let started = Instant::now();
     let mut play = RunTrace::new(&setup);
     let mut keyframes = KeyframeCollector::new(&setup, &config.localize.filter);
+    let mut doubted = DoubtedPoses::default();
     let mut pipeline = Pipeline::new(&setup, &config)?;
     simulation.run(&mut pipeline, |cycle| {
         let cycle = Arc::new(cycle);
         bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
         play.add(&cycle);
         keyframes.add_cycle(&cycle);
+        doubted.add(&cycle);
         recorder.record_cycle(cycle)?;
         Ok(interrupt::flow())
     })?;
@@ -115,7 +118,11 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             times_real_time,
             play,
             recording,
-            warnings: checked.warnings,
+            warnings: checked
+                .warnings
+                .into_iter()
+                .chain(doubted.warning())
+                .collect(),
             log,
             pictures,
         };

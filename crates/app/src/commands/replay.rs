@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
 use pipeline::csv_table::format_seconds;
+use pipeline::doubted_poses::DoubtedPoses;
 use pipeline::log::{
     self, Difference, LogCompleteness, LogReader, UnpackedSetup, VerificationReport,
 };
@@ -211,6 +212,7 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
     }
     let bar = crate::progress::bar(0, "cycles");
     let mut keyframes = KeyframeCollector::new(setup, &config.localize.filter);
+    let mut doubted = DoubtedPoses::default();
     let mut invalid_settings = None;
     let report = log::verify(log, |sample| {
         if let Sample::Settings(change) = sample {
@@ -229,6 +231,7 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
         let cycle = pipeline.process_sample(sample);
         if let Some(cycle) = &cycle {
             keyframes.add_cycle(cycle);
+            doubted.add(cycle);
         }
         bar.inc(u64::from(cycle.is_some()));
         cycle
@@ -239,7 +242,8 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
     if let Some(error) = invalid_settings {
         return Err(error.context("the settings that were changed during the run"));
     }
-    Ok((report?, found.warnings))
+    let warnings = found.warnings.into_iter().chain(doubted.warning());
+    Ok((report?, warnings.collect()))
 }
 
 fn print(report: &VerificationReport) {

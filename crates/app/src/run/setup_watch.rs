@@ -6,6 +6,7 @@ use hw::realtime::lower_priority;
 use localize::Stamp;
 use localize::map_correction::MapFit;
 use nalgebra::Matrix3;
+use pipeline::doubted_poses::DoubtedPoses;
 use pipeline::recording::Table;
 use pipeline::setup::Setup;
 use pipeline::setup_check::{self, KeyframeCollector, MeasuredKeyframe, SetupReport};
@@ -41,6 +42,13 @@ pub(super) struct SetupWatch {
     dropped: Vec<Table>,
     /// True once the mount that the images tell is in use. From then on the localizer learns what is left of its errors.
     knows_mount: bool,
+    /// Stamp of the last cycle.
+    last_cycle: Option<Stamp>,
+    /// What is reported just now, and since when.
+    reported: Option<(Stamp, String)>,
+    /// What was reported and withdrawn, with its times.
+    withdrawn: Vec<String>,
+    doubted: DoubtedPoses,
 }
 
 /// A change of what is thought of the set-up.
@@ -67,12 +75,18 @@ impl SetupWatch {
             pose_doubts: 0,
             dropped: Vec::new(),
             knows_mount: false,
+            last_cycle: None,
+            reported: None,
+            withdrawn: Vec::new(),
+            doubted: DoubtedPoses::default(),
         }
     }
 
     /// Adds a cycle.
     pub(super) fn add_cycle(&mut self, cycle: &Cycle) {
         self.keyframes.add_cycle(cycle);
+        self.doubted.add(cycle);
+        self.last_cycle = Some(cycle.stamp);
     }
 
     /// Starts a check when it is due, and takes the result of a finished one. `find_rim`: the mirror's rim in the last images. Some: the
@@ -136,6 +150,7 @@ impl SetupWatch {
         self.dropped.extend(&drops);
         let map_fit = report.map_fit.as_ref().filter(|_| !self.knows_mount);
         self.knows_mount |= map_fit.is_some();
+        self.keep_report(report);
         let is_doubt_changed =
             before != (self.is_reported(), self.is_marked()) || !drops.is_empty();
         if !is_doubt_changed && map_fit.is_none() {
@@ -161,6 +176,19 @@ impl SetupWatch {
         })
     }
 
+    /// Keeps what is reported for the end of the run, which may find the set-up right.
+    fn keep_report(&mut self, report: &SetupReport) {
+        let Some(now) = self.last_cycle else { return };
+        if self.is_reported() {
+            let since = self.reported.take().map_or(now, |(since, _)| since);
+            self.reported = Some((since, report.warnings.join("; ")));
+        } else if let Some((since, text)) = self.reported.take() {
+            let (since, now) = (since.seconds(), now.seconds());
+            self.withdrawn
+                .push(format!("from {since:.1} to {now:.1} s: {text}"));
+        }
+    }
+
     fn is_reported(&self) -> bool {
         self.doubts >= DOUBTS_MIN
     }
@@ -169,15 +197,23 @@ impl SetupWatch {
         self.pose_doubts >= DOUBTS_MIN
     }
 
-    /// Checks once more, by all that was seen. Returns a sentence per doubt.
+    /// Checks once more, by all that was seen. Returns a sentence per doubt, those that were withdrawn with their times.
     pub(super) fn finish(
-        self,
+        mut self,
         setup: &Setup,
         config: &PipelineConfig,
         rim: Option<Rim>,
     ) -> Vec<String> {
         let keyframes = self.keyframes.keyframes();
-        setup_check::check_drive(setup, config, &keyframes, rim).warnings
+        let report = setup_check::check_drive(setup, config, &keyframes, rim);
+        if report.warnings.is_empty() {
+            self.doubts = 0;
+            self.keep_report(&report);
+        }
+        let mut warnings = report.warnings;
+        warnings.append(&mut self.withdrawn);
+        warnings.extend(self.doubted.warning());
+        warnings
     }
 }
 
@@ -261,6 +297,23 @@ mod tests {
         assert!(watch.judge(&doubt()).is_none(), "said once");
         let verdict = watch.judge(&SetupReport::default()).expect("unmarked");
         assert_eq!(verdict.covariance, Matrix3::zeros());
+    }
+
+    #[test]
+    fn withdrawn_doubts_stay_with_their_times() {
+        let mut watch = SetupWatch::new(&setup(), &PipelineConfig::default());
+        for (seconds, report) in [
+            (20.0, doubt()),
+            (24.0, doubt()),
+            (36.0, doubt()),
+            (48.0, SetupReport::default()),
+        ] {
+            watch.last_cycle = Some(Stamp::from_seconds(seconds));
+            watch.judge(&report);
+        }
+        let warnings = watch.finish(&setup(), &PipelineConfig::default(), None);
+        let expected = "from 24.0 to 48.0 s: the field file is of another field";
+        assert_eq!(warnings, [expected]);
     }
 
     #[test]

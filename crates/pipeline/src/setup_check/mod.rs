@@ -52,6 +52,7 @@ pub use ranges::RangeFinding;
 pub use report::{FitFigures, HALF_HINT, SetupReport, Suggestion};
 
 use crate::config::PipelineConfig;
+use crate::doubted_poses::DoubtedPoses;
 use crate::image_faults::ImageFaults;
 use crate::log::{LogReader, UnpackedSetup};
 use crate::pose_leaps::PoseLeaps;
@@ -153,11 +154,13 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
     let mut keyframes = KeyframeCollector::new(&unpacked.setup, &config.localize.filter);
     let mut faults = ImageFaults::default();
     let mut leaps = PoseLeaps::new(unpacked.setup.robot.odometry);
+    let mut doubted = DoubtedPoses::default();
     for logged in log {
         let cycle = logged?.cycle;
         keyframes.add_cycle(&cycle);
         faults.add_cycle(&cycle, None);
         leaps.add(&cycle);
+        doubted.add(&cycle);
     }
     let report = check_findings(
         &unpacked.setup,
@@ -167,7 +170,8 @@ pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
         effort,
     );
     let report = report.with_image_faults(Some(faults));
-    Ok(report.with_path_warnings(leaps.warning()))
+    let path_warnings = [leaps.warning(), doubted.warning()];
+    Ok(report.with_path_warnings(path_warnings.into_iter().flatten()))
 }
 
 /// What a recording says beside its keyframes.
