@@ -132,11 +132,7 @@ impl DistanceField {
     /// The marking nearest to (x, y) on the field, metres; beyond the cells the tangents of the border are extrapolated.
     #[inline]
     pub fn nearest(&self, x: f32, y: f32) -> NearestMarking {
-        // Casts saturate: far points and NaN map to a border cell.
-        let column = ((x - self.x0) * self.cells_per_metre + 0.5) as usize;
-        let row = ((y - self.y0) * self.cells_per_metre + 0.5) as usize;
-        let column = column.min(self.columns - 1);
-        let row = row.min(self.rows - 1);
+        let [column, row] = self.column_and_row(x, y);
         let cell = self.cells[row * self.columns + column];
         let dx = x - (self.x0 + column as f32 * self.cell);
         let dy = y - (self.y0 + row as f32 * self.cell);
@@ -152,6 +148,15 @@ impl DistanceField {
                 cell.normal_y + turn * cell.normal_x,
             ],
         }
+    }
+
+    /// Of the cell that a place lies in, or of that at the border.
+    #[inline]
+    fn column_and_row(&self, x: f32, y: f32) -> [usize; 2] {
+        // Casts saturate: far points and NaN map to a border cell.
+        let column = ((x - self.x0) * self.cells_per_metre + 0.5) as usize;
+        let row = ((y - self.y0) * self.cells_per_metre + 0.5) as usize;
+        [column.min(self.columns - 1), row.min(self.rows - 1)]
     }
 
     /// [`DistanceField::nearest`] of several places: signed distances, normals along x and along y.
@@ -205,10 +210,7 @@ impl DistanceField {
     ) -> Option<[f32; N]> {
         (!self.free_ends.is_empty()).then(|| {
             std::array::from_fn(|k| {
-                let column = ((x[k] - self.x0) * self.cells_per_metre + 0.5) as usize;
-                let row = ((y[k] - self.y0) * self.cells_per_metre + 0.5) as usize;
-                let column = column.min(self.columns - 1);
-                let row = row.min(self.rows - 1);
+                let [column, row] = self.column_and_row(x[k], y[k]);
                 self.free_ends[row * self.columns + column]
             })
         })

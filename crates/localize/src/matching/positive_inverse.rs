@@ -5,8 +5,8 @@ use nalgebra::SMatrix;
 /// The inverse by exchange of rows and columns (Gauss and Jordan), in place. None if a pivot is not positive: the matrix has an eigenvalue
 /// that is not, but for rounding.
 ///
-/// A tracked image needs five of them. Written for matrices of known size, it takes a fifth of the time of a Cholesky decomposition that
-/// works column by column.
+/// A tracked image needs several of them, and loops of known size are much faster than a decomposition column by column
+/// (docs/performance.md).
 pub(crate) fn positive_inverse<const N: usize>(
     matrix: &SMatrix<f64, N, N>,
 ) -> Option<SMatrix<f64, N, N>> {
